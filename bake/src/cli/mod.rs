@@ -1,0 +1,36 @@
+//! One file per subcommand; no mathematics in any of them.
+
+use squall_bake::BakeError;
+use squall_runtime::RuntimeError;
+
+/// Bakes storms: cloud grids, pictures of rain and a recipe in; one .squall asset out.
+#[derive(clap::Parser)]
+#[command(name = "squall", version, about, propagate_version = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {}
+
+/// Runs the chosen subcommand.
+pub fn run(cli: Cli) -> anyhow::Result<()> {
+    match cli.command {}
+}
+
+/// Exit code of an error: the innermost one that knows its own, else 3 (bad input).
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    for cause in error.chain() {
+        if let Some(error) = cause.downcast_ref::<BakeError>() {
+            return error.exit_code();
+        }
+        if let Some(error) = cause.downcast_ref::<RuntimeError>() {
+            return match error {
+                RuntimeError::Io { source, .. } if source.kind() != std::io::ErrorKind::NotFound => 4,
+                _ => 3,
+            };
+        }
+    }
+    3
+}

@@ -1,0 +1,99 @@
+//! What baking can refuse, split by who must act; each variant knows its exit code.
+
+use squall_formats::ReadError;
+use squall_runtime::RuntimeError;
+use std::path::{Path, PathBuf};
+
+/// Why a bake, a solve or a picture did not come about.
+#[derive(Debug, thiserror::Error)]
+pub enum BakeError {
+    /// An input file that is missing, unreadable as what it claims to be, or out of range.
+    #[error("{}: {field}: wanted {wanted}, found {found}", file.display())]
+    Input {
+        /// The file.
+        file: PathBuf,
+        /// Place or field inside it.
+        field: String,
+        /// What is accepted there.
+        wanted: String,
+        /// What is there.
+        found: String,
+    },
+    /// A recipe error with its place drawn under the line.
+    #[error("{0}")]
+    Recipe(String),
+    /// The system refused to read or write.
+    #[error("{}: cannot {action}: {source}", file.display())]
+    Io {
+        /// The file or folder.
+        file: PathBuf,
+        /// read, write, …
+        action: &'static str,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// An asset that the runtime refuses.
+    #[error(transparent)]
+    Asset(#[from] RuntimeError),
+    /// A method that could not reach what was asked of it, with the best it reached.
+    #[error("{what}: wanted {wanted}, reached {reached}; {hint}")]
+    NotReached {
+        /// Which computation.
+        what: String,
+        /// What was asked for.
+        wanted: String,
+        /// The best that was reached.
+        reached: String,
+        /// What would help.
+        hint: String,
+    },
+    /// A check whose answer is no: damaged, different, above its bound.
+    #[error("{0}")]
+    Failed(String),
+    /// Ctrl-C or a termination signal.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+impl BakeError {
+    /// Exit code of the command for this error: 1 a check failed, 3 bad input, 4 the system, 130 interrupted.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Failed(_) | Self::NotReached { .. } => 1,
+            Self::Input { .. }
+            | Self::Recipe(_)
+            | Self::Asset(RuntimeError::Asset { .. } | RuntimeError::Argument { .. }) => 3,
+            Self::Asset(RuntimeError::Io { source, .. }) | Self::Io { source, .. } => match source.kind() {
+                std::io::ErrorKind::NotFound | std::io::ErrorKind::IsADirectory => 3,
+                _ => 4,
+            },
+            Self::Interrupted => 130,
+        }
+    }
+
+    /// An [`BakeError::Input`].
+    pub fn input(
+        file: &Path,
+        field: impl Into<String>,
+        wanted: impl Into<String>,
+        found: impl ToString,
+    ) -> Self {
+        Self::Input {
+            file: file.to_owned(),
+            field: field.into(),
+            wanted: wanted.into(),
+            found: found.to_string(),
+        }
+    }
+
+    /// An [`BakeError::Io`].
+    pub fn io(file: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        let file = file.to_owned();
+        move |source| Self::Io { file, action, source }
+    }
+
+    /// Bytes of `file` that are no asset.
+    pub fn bytes(file: &Path, source: ReadError) -> Self {
+        Self::Asset(RuntimeError::Asset { path: file.to_owned(), source })
+    }
+}

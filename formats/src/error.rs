@@ -1,0 +1,127 @@
+//! What can be wrong with bytes, split by who must act, and the limits checked before memory is taken.
+
+use crate::section::Tag;
+
+/// Why bytes were refused. Each says where, what was wanted and what was found.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The operating system could not read.
+    #[error("cannot read: {0}")]
+    Io(#[from] std::io::Error),
+    /// Not a Squall asset at all, or one whose header was damaged.
+    #[error("header, byte {offset}: {field}: wanted {wanted}, found {found}")]
+    Header {
+        /// Byte offset in the file.
+        offset: u64,
+        /// Which header field.
+        field: &'static str,
+        /// What a good file has there.
+        wanted: String,
+        /// What this file has there.
+        found: String,
+    },
+    /// A format or section version that this build does not know; a newer Squall wrote it.
+    #[error("{what}: version {found} is not supported; this build reads up to version {newest}")]
+    Unsupported {
+        /// The file itself, or a section's tag.
+        what: String,
+        /// Version in the file.
+        found: u16,
+        /// Newest version that this build reads.
+        newest: u16,
+    },
+    /// A required section of a kind that this build does not know.
+    #[error("section {section} is required but unknown to this build")]
+    UnknownRequired {
+        /// The unknown tag.
+        section: Tag,
+    },
+    /// A section that the caller needs and the asset does not have.
+    #[error("the asset has no section {section} ({holds})")]
+    Missing {
+        /// The tag looked for.
+        section: Tag,
+        /// What that section would hold, in words.
+        holds: &'static str,
+    },
+    /// Bytes end before a value does.
+    #[error("section {section}, byte {offset}: {missing} more bytes wanted")]
+    Truncated {
+        /// Section whose bytes end.
+        section: Tag,
+        /// Offset inside the section.
+        offset: u64,
+        /// How many bytes are missing.
+        missing: u64,
+    },
+    /// Stored and recomputed checksums differ.
+    #[error(
+        "section {section}, {part}: checksum: wanted {wanted:08x}, found {found:08x}; the file is damaged"
+    )]
+    Checksum {
+        /// Damaged section.
+        section: Tag,
+        /// Which part of it.
+        part: String,
+        /// Checksum stored in the file.
+        wanted: u32,
+        /// Checksum of the bytes that are there.
+        found: u32,
+    },
+    /// A value outside its range.
+    #[error("section {section}, byte {offset}: {field}: wanted {wanted}, found {found}")]
+    Invalid {
+        /// Section that holds the value.
+        section: Tag,
+        /// Offset inside the section, 0 where the field has no fixed place.
+        offset: u64,
+        /// Which field.
+        field: &'static str,
+        /// What a good file has there.
+        wanted: &'static str,
+        /// What this file has there.
+        found: String,
+    },
+    /// A count above the limit that guards memory.
+    #[error("section {section}: {field}: {wanted} wanted, {allowed} allowed")]
+    OverLimit {
+        /// Section that asks for too much.
+        section: Tag,
+        /// Which count.
+        field: &'static str,
+        /// What the file asks for.
+        wanted: u64,
+        /// What the limits allow.
+        allowed: u64,
+    },
+}
+
+/// Upper bounds on what a file may ask for, checked before any allocation.
+#[derive(Clone, Debug)]
+pub struct Limits {
+    /// Sections in a file.
+    pub sections: u32,
+    /// Bytes of one section's head (its metadata).
+    pub head_bytes: u64,
+    /// Cells of a grid.
+    pub cells: u64,
+    /// Virtual sources of a cloud response.
+    pub sources: u64,
+    /// Streak patterns.
+    pub patterns: u64,
+    /// Strokes, buildings and other listed things.
+    pub items: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            sections: 64,
+            head_bytes: 64 << 20,
+            cells: 1 << 28,
+            sources: 1 << 24,
+            patterns: 1 << 12,
+            items: 1 << 20,
+        }
+    }
+}

@@ -1,0 +1,18 @@
+//! What the bytes of a `.squall` asset mean.
+//!
+//! Bake writes them, the runtime reads them; whatever both need to agree on lives here and nothing else
+//! does: the container, one module per section, table axes with their inverses, the Haar transform,
+//! direction bases and units. `SPEC.md` beside this crate says the same in words, to the byte.
+
+#![forbid(unsafe_code)]
+
+pub mod container;
+pub mod error;
+pub mod grid;
+pub mod meta;
+pub mod section;
+pub mod units;
+
+pub use error::{Limits, ReadError};
+pub use grid::GridShape;
+pub use section::Tag;

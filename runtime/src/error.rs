@@ -1,0 +1,47 @@
+//! What the runtime can refuse.
+
+use squall_formats::{ReadError, Tag};
+use std::path::PathBuf;
+
+/// Why an asset could not be opened, or a call on it could not be answered.
+#[derive(Debug, thiserror::Error)]
+pub enum RuntimeError {
+    /// The file cannot be opened, mapped or read.
+    #[error("{}: cannot read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The bytes are not a whole asset that this build reads.
+    #[error("{}: {source}", path.display())]
+    Asset {
+        /// The file, or `(memory)`.
+        path: PathBuf,
+        /// What is wrong with the bytes.
+        source: ReadError,
+    },
+    /// An argument outside what the call accepts.
+    #[error("{field}: wanted {wanted}, found {found}")]
+    Argument {
+        /// Which argument.
+        field: &'static str,
+        /// The accepted range.
+        wanted: String,
+        /// The value given.
+        found: String,
+    },
+}
+
+impl RuntimeError {
+    /// Whether the asset lacks the section `tag`.
+    pub fn is_missing(&self, tag: Tag) -> bool {
+        matches!(self, Self::Asset { source: ReadError::Missing { section, .. }, .. } if *section == tag)
+    }
+
+    /// An [`RuntimeError::Argument`].
+    pub fn argument(field: &'static str, wanted: impl Into<String>, found: impl ToString) -> Self {
+        Self::Argument { field, wanted: wanted.into(), found: found.to_string() }
+    }
+}

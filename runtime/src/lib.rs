@@ -1,0 +1,14 @@
+//! Reads a `.squall` asset and shades: clouds lit by lightning, rain streaks of the right number and
+//! length, the loss of visibility that belongs to the same rain, and the wet ground under them.
+//!
+//! Everything slow happened when the asset was baked. No globals, no threads but the caller's rayon
+//! pool, and no work at load beyond checks.
+#![deny(unsafe_code)]
+
+mod audited;
+pub mod error;
+pub mod load;
+pub mod random;
+
+pub use error::RuntimeError;
+pub use load::Asset;

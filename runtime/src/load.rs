@@ -1,0 +1,149 @@
+//! From a file or bytes to an open asset: checks, and views into the bytes; nothing is copied or decoded.
+
+use crate::error::RuntimeError;
+use squall_formats::container::Directory;
+use squall_formats::{Limits, ReadError, Tag};
+use std::path::{Path, PathBuf};
+
+#[cfg(target_endian = "big")]
+compile_error!(
+    "assets hold little-endian arrays that are used as they lie; big-endian machines are not supported"
+);
+
+/// 64 bytes on a 64-byte boundary, so that bytes handed over in memory are aligned like mapped ones.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C, align(64))]
+struct Block([u8; 64]);
+
+enum Bytes {
+    Owned {
+        blocks: Vec<Block>,
+        length: usize,
+    },
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+    Mapped(memmap2::Mmap),
+}
+
+impl Bytes {
+    fn as_slice(&self) -> &[u8] {
+        match self {
+            Self::Owned { blocks, length } => &bytemuck::cast_slice(blocks)[..*length],
+            #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+            Self::Mapped(map) => map,
+        }
+    }
+
+    fn copy(bytes: &[u8]) -> Self {
+        let mut blocks = vec![Block([0; 64]); bytes.len().div_ceil(64)];
+        bytemuck::cast_slice_mut(&mut blocks)[..bytes.len()].copy_from_slice(bytes);
+        Self::Owned { blocks, length: bytes.len() }
+    }
+}
+
+/// An open `.squall` asset.
+///
+/// Opening checks the header, the section table and the head of every section; bulk coefficients are
+/// checked when they are first touched. It allocates the section table alone.
+pub struct Asset {
+    bytes: Bytes,
+    directory: Directory,
+    limits: Limits,
+    path: PathBuf,
+}
+
+impl Asset {
+    /// Opens an asset file: memory-mapped with feature `mmap`, else read whole.
+    ///
+    /// Errors: the file cannot be read, is not an asset, is damaged in a part that opening checks, has a
+    /// newer version or a required section that this build does not know.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, RuntimeError> {
+        let asset = Self::open_directory(path)?;
+        asset.check_heads()?;
+        Ok(asset)
+    }
+
+    /// Like [`Asset::open`], but checks the header and the section table alone; each section's head is
+    /// then checked when that section is read. For tools that want one section of a possibly damaged file.
+    pub fn open_directory(path: impl AsRef<Path>) -> Result<Self, RuntimeError> {
+        let path = path.as_ref();
+        let io = |source| RuntimeError::Io { path: path.to_owned(), source };
+        #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+        let bytes = {
+            let file = std::fs::File::open(path).map_err(io)?;
+            let metadata = file.metadata().map_err(io)?;
+            if metadata.is_file() && metadata.len() > 0 {
+                Bytes::Mapped(crate::audited::map_file(&file).map_err(io)?)
+            } else {
+                Bytes::copy(&std::fs::read(path).map_err(io)?)
+            }
+        };
+        #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
+        let bytes = Bytes::copy(&std::fs::read(path).map_err(io)?);
+        Self::new(bytes, path.to_owned())
+    }
+
+    /// An asset from bytes in memory, which are copied once.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, RuntimeError> {
+        let asset = Self::new(Bytes::copy(bytes), PathBuf::from("(memory)"))?;
+        asset.check_heads()?;
+        Ok(asset)
+    }
+
+    fn new(bytes: Bytes, path: PathBuf) -> Result<Self, RuntimeError> {
+        let limits = Limits::default();
+        let read = Directory::read(bytes.as_slice(), &limits);
+        let directory = read.map_err(|source| RuntimeError::Asset { path: path.clone(), source })?;
+        Ok(Self { bytes, directory, limits, path })
+    }
+
+    fn check_heads(&self) -> Result<(), RuntimeError> {
+        for entry in &self.directory.entries {
+            if entry.required && !squall_formats::section::is_known(entry.tag) {
+                return Err(self.wrap(ReadError::UnknownRequired { section: entry.tag }));
+            }
+            entry.check_head(self.bytes()).map_err(|source| self.wrap(source))?;
+        }
+        Ok(())
+    }
+
+    /// Recomputes every checksum: one pass over the whole file.
+    pub fn verify(&self) -> Result<(), RuntimeError> {
+        self.check_heads()?;
+        for entry in &self.directory.entries {
+            entry.check_whole(self.bytes()).map_err(|source| self.wrap(source))?;
+        }
+        Ok(())
+    }
+
+    /// The asset's section table.
+    pub fn directory(&self) -> &Directory {
+        &self.directory
+    }
+
+    /// The file that was opened, or `(memory)`.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// All bytes of the asset.
+    pub fn bytes(&self) -> &[u8] {
+        self.bytes.as_slice()
+    }
+
+    /// Reads section `tag` with `read`; `holds` says in words what it is for.
+    pub fn section<'a, T>(
+        &'a self,
+        tag: Tag,
+        holds: &'static str,
+        read: impl FnOnce(&'a [u8], u16, &Limits) -> Result<T, ReadError>,
+    ) -> Result<T, RuntimeError> {
+        let bytes = self.directory.section(self.bytes(), tag, holds).map_err(|source| self.wrap(source))?;
+        let version = self.directory.find(tag).map_or(0, |entry| entry.version);
+        read(bytes, version, &self.limits).map_err(|source| self.wrap(source))
+    }
+
+    /// Names this asset's file in an error about its bytes.
+    pub fn wrap(&self, source: ReadError) -> RuntimeError {
+        RuntimeError::Asset { path: self.path.clone(), source }
+    }
+}
