@@ -6,8 +6,10 @@
 #![deny(unsafe_code)]
 
 mod audited;
+pub mod camera;
 pub mod error;
 pub mod load;
+pub mod picture;
 pub mod random;
 
 pub use error::RuntimeError;
