@@ -4,7 +4,12 @@
 //! verb `solve_`, what fills a table under `bake_`; reading it is the runtime's, under `lookup_`.
 #![forbid(unsafe_code)]
 
+pub mod cloud;
+pub mod compress;
 pub mod error;
+pub mod input;
 pub mod output;
+pub mod progress;
+pub mod response;
 
 pub use error::BakeError;

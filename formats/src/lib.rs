@@ -9,8 +9,10 @@
 pub mod container;
 pub mod error;
 pub mod grid;
+pub mod haar;
 pub mod meta;
 pub mod section;
+pub mod sphere;
 pub mod units;
 
 pub use error::{Limits, ReadError};

@@ -9,8 +9,13 @@ mod audited;
 pub mod camera;
 pub mod error;
 pub mod load;
+pub mod math;
+pub mod phase;
 pub mod picture;
 pub mod random;
+pub mod relight;
+pub mod shade;
+pub mod transport;
 
 pub use error::RuntimeError;
 pub use load::Asset;

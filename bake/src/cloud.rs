@@ -1,0 +1,229 @@
+//! Light of point sources and beams in a cloud grid, scattered any number of times: the slow truth behind the tables.
+//!
+//! The solve grid cuts every cell of the scene into `refine`³ equal parts that inherit its extinction; results are plain
+//! means over the scene's own cells. Direct light is traced exactly, the rest swept (squall_runtime::transport).
+//!
+//! | symbol | name | unit |
+//! | φ | fluence rate ∫ L dΩ | W/m² |
+//! | J | in-scattered radiance ∫ p(ω·ω') L(ω') dω' towards a camera | W/(m² sr) |
+
+pub mod image;
+
+use crate::error::BakeError;
+use glam::DVec3;
+use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
+use squall_runtime::RuntimeError;
+use squall_runtime::transport::Cloud;
+use squall_runtime::transport::cloud::CoarseIndex;
+use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::lanes::SimdLevel;
+use squall_runtime::transport::quadrature::Quadrature;
+use squall_runtime::transport::solve::{SolveBuffers, SolveSettings, Solver};
+use squall_runtime::transport::sweep::Leak;
+
+/// How finely to solve.
+#[derive(Clone, Copy, Debug)]
+pub struct TruthSettings {
+    /// Every cell is cut into this many parts along each axis.
+    pub refine: u32,
+    /// Rays per boundary face of the solve grid and axis, for direct light.
+    pub samples: u32,
+    /// Sources of degree 3 in place of 1: slower, for sharp phase functions.
+    pub high_degree: bool,
+    /// The sweeps.
+    pub solve: SolveSettings,
+}
+
+impl Default for TruthSettings {
+    fn default() -> Self {
+        Self {
+            refine: 4,
+            samples: 2,
+            high_degree: false,
+            solve: SolveSettings {
+                quadrature: Quadrature::Lebedev50,
+                theta: 0.0,
+                tolerance: 1e-4,
+                level: SimdLevel::Best,
+                ..SolveSettings::default()
+            },
+        }
+    }
+}
+
+/// Everything that one light does in a cloud, on the solve grid.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// The solve grid.
+    pub fine: Cloud,
+    /// From the solve grid back to the scene's cells.
+    pub parent: CoarseIndex,
+    /// Never scattered fluence rate, mean per solve cell.
+    pub unscattered: Vec<f32>,
+    /// Fluence rate of what the delta-scaled medium counts as unscattered.
+    pub scaled: Vec<f32>,
+    /// ∫ p L dΩ of all direct light towards each asked direction, directions innermost.
+    pub direct_towards: Vec<f32>,
+    /// Harmonic moments of the rest.
+    pub moments: Vec<[f32; MAX_HARMONICS]>,
+    /// Extinction scale 1 − ωf.
+    pub extinction_scale: f64,
+    /// The light solved for.
+    pub light: Light,
+    /// How it went.
+    pub report: TruthReport,
+}
+
+/// How a solve went, and where the energy is.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct TruthReport {
+    /// Final residual of the transport equation, relative to the first scattering.
+    pub residual: f64,
+    /// Sweeps through the grid.
+    pub sweeps: u32,
+    /// Power that meets the grid, W.
+    pub power_in_w: f64,
+    /// Power absorbed in the grid, W.
+    pub absorbed_w: f64,
+    /// Power leaving by −x, +x, −y, +y, −z, +z, scattered, W.
+    pub scattered_out_w: [f64; 6],
+    /// Power leaving unscattered (in the delta-scaled medium), W.
+    pub direct_out_w: f64,
+    /// (absorbed + leaving) / in − 1.
+    pub energy_balance: f64,
+}
+
+/// Solves for one light.
+///
+/// Light that the delta-scaled medium counts as unscattered, but was scattered forward, scatters on by the phase
+/// function's convolution with itself; the rest by the Legendre series of its moments up to degree 3. Towards each
+/// of `directions` (unit vectors of travel) the direct part of J is collected ray by ray.
+///
+/// Errors: settings out of range, or a residual above the tolerance after the allowed sweeps.
+pub fn solve_light(
+    cloud: &Cloud,
+    light: Light,
+    directions: &[DVec3],
+    settings: &TruthSettings,
+) -> Result<Truth, BakeError> {
+    if settings.high_degree {
+        solve_with_degree::<MAX_HARMONICS>(cloud, light, directions, settings)
+    } else {
+        solve_with_degree::<4>(cloud, light, directions, settings)
+    }
+}
+
+fn solve_with_degree<const M: usize>(
+    cloud: &Cloud,
+    light: Light,
+    directions: &[DVec3],
+    settings: &TruthSettings,
+) -> Result<Truth, BakeError> {
+    let factors = [settings.refine; 3];
+    let fine = cloud.refined(factors)?;
+    if fine.shape.len() > MAX_SOLVE_CELLS {
+        let found = format!("{} at refinement {}", fine.shape.len(), settings.refine);
+        let wanted = format!("at most {MAX_SOLVE_CELLS} cells");
+        return Err(RuntimeError::argument("solve grid", wanted, found).into());
+    }
+    let solver = Solver::<M>::new(&fine, settings.solve)?;
+    let scaled = solver.scaled();
+    let tracer = Tracer::new(&fine, scaled.extinction_scale);
+    let mut direct = DirectField::<M>::new(&fine, directions);
+    let (mut power_in, mut direct_out, mut missed) = (0.0, 0.0, 0.0);
+    tracer.rays(light, settings.samples, |ray| {
+        power_in += ray.power;
+        let (_, left) = tracer.trace(ray, &mut direct);
+        direct_out += left;
+        if left == ray.power {
+            missed += left;
+        }
+    });
+    // Rays that met no extinction count neither as in nor as out.
+    let _ = missed;
+    let volume = fine.cell_volume() as f32;
+    let mean = |sum: f32| sum / volume;
+    let sources: Vec<[f32; M]> = direct.moments.iter().map(|row| row.map(mean)).collect();
+    let mut leak: Leak = std::array::from_fn(|_| vec![0.0]);
+    let mut moments = Vec::new();
+    let mut buffers = SolveBuffers::default();
+    let report = solver.solve::<f32>(&sources, &mut moments, &mut buffers, Some(&mut leak));
+    let lane = report.lanes[0];
+    if !lane.converged {
+        return Err(BakeError::NotReached {
+            what: "transport solve".into(),
+            wanted: format!("residual {:e}", settings.solve.tolerance),
+            reached: format!("{:e} after {} sweeps", lane.residual, report.sweeps),
+            hint: "a larger --max-sweeps or --tolerance helps".into(),
+        });
+    }
+    let y0 = harmonics([0.0, 0.0, 1.0])[0];
+    let absorption = scaled.extinction_scale * (1.0 - scaled.albedo);
+    let absorbed: f64 = (0..fine.shape.len())
+        .map(|cell| {
+            let fluence = (f64::from(sources[cell][0]) + f64::from(moments[cell][0])) / y0;
+            absorption * f64::from(fine.extinction[cell]) * fluence * f64::from(volume)
+        })
+        .sum();
+    let scattered_out: [f64; 6] = std::array::from_fn(|side| leak[side][0]);
+    let out = absorbed + direct_out + scattered_out.iter().sum::<f64>();
+    Ok(Truth {
+        parent: CoarseIndex::new(fine.shape, factors),
+        unscattered: direct.fluence.iter().map(|&v| mean(v)).collect(),
+        scaled: sources.iter().map(|row| row[0] / y0 as f32).collect(),
+        direct_towards: direct.towards.iter().map(|&v| mean(v)).collect(),
+        moments,
+        extinction_scale: scaled.extinction_scale,
+        light,
+        report: TruthReport {
+            residual: lane.residual,
+            sweeps: report.sweeps,
+            power_in_w: power_in,
+            absorbed_w: absorbed,
+            scattered_out_w: scattered_out,
+            direct_out_w: direct_out,
+            energy_balance: if power_in > 0.0 { out / power_in - 1.0 } else { 0.0 },
+        },
+        fine,
+    })
+}
+
+/// A solve holds about nine vectors of four moments and one of sixteen: this many cells take some 12 GB.
+const MAX_SOLVE_CELLS: usize = 1 << 26;
+
+impl Truth {
+    /// Scattered fluence rate per cell of the scene, W/m².
+    pub fn phi_scattered(&self) -> Vec<f32> {
+        let y0 = harmonics([0.0, 0.0, 1.0])[0] as f32;
+        let fine: Vec<f32> = (0..self.moments.len())
+            .map(|cell| self.moments[cell][0] / y0 + (self.scaled[cell] - self.unscattered[cell]))
+            .collect();
+        self.parent.means(&fine, 1)
+    }
+
+    /// Never scattered fluence rate per cell of the scene, W/m².
+    pub fn phi_direct(&self) -> Vec<f32> {
+        self.parent.means(&self.unscattered, 1)
+    }
+
+    /// J per cell of the scene towards the asked direction number `index`, W/(m² sr), all orders.
+    pub fn towards(&self, index: usize, direction: DVec3) -> Vec<f32> {
+        let count = self.direct_towards.len() / self.moments.len();
+        let weights = scattering_weights(self.fine.g, direction);
+        let fine: Vec<f32> = (0..self.moments.len())
+            .map(|cell| self.direct_towards[cell * count + index] + dot(&self.moments[cell], &weights))
+            .collect();
+        self.parent.means(&fine, 1)
+    }
+}
+
+/// Weights that turn moments of light into light scattered towards `direction`: g^l Y_lm.
+pub fn scattering_weights(g: f64, direction: DVec3) -> [f32; MAX_HARMONICS] {
+    let basis = harmonics(direction.to_array());
+    let powers = [1.0, g, g * g, g * g * g];
+    std::array::from_fn(|m| (powers[degree_of(m)] * basis[m]) as f32)
+}
+
+fn dot(moments: &[f32; MAX_HARMONICS], weights: &[f32; MAX_HARMONICS]) -> f32 {
+    moments.iter().zip(weights).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,447 @@
+//! `CLRT` v1: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
+//!
+//! A row belongs to one virtual source and holds, per channel of direction, the Haar coefficients of the cloud's
+//! answer to a source of unit strength. Rows are contiguous and found through an index, so that a reader touches only
+//! the sources that a stroke needs.
+
+use crate::container::{OutSection, checksum};
+use crate::error::{Limits, ReadError};
+use crate::grid::GridShape;
+use crate::meta;
+use crate::section::{Tag, check_version, join_head, split_head};
+use crate::sphere;
+use serde::{Deserialize, Serialize};
+
+/// Which virtual sources the rows belong to. More kinds may follow in later versions of the section.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum SourceBasis {
+    /// Point lamps of 1 W/sr at the nodes of a rectilinear grid; a light between nodes is split trilinearly
+    /// (\[dobashi\] eq. 6), so that no intensity is lost.
+    LampGrid {
+        /// Node coordinates along x, rising, m.
+        x_m: Vec<f64>,
+        /// Node coordinates along y, rising, m.
+        y_m: Vec<f64>,
+        /// Node coordinates along z, rising, m.
+        z_m: Vec<f64>,
+        /// Row of each node, x fastest; `u32::MAX` where none was baked.
+        rows: Vec<u32>,
+    },
+}
+
+/// No row for this node.
+pub const NO_ROW: u32 = u32::MAX;
+
+/// What the channels of a row mean: a basis of J, the light scattered per unit of scattering coefficient and
+/// steradian, ∫ p(ω·ω') L(ω') dω'.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ChannelBasis {
+    /// J in the 26 directions of [`sphere::directions_26`], read between by [`sphere::interpolate_26`].
+    Directions26,
+    /// J's coefficients on the real orthonormal harmonics of degree 0 to `degree`, in [`sphere::harmonics`]' order.
+    Harmonics {
+        /// Highest degree, 0 to 3.
+        degree: u8,
+    },
+}
+
+impl ChannelBasis {
+    /// Number of channels.
+    pub fn count(self) -> usize {
+        match self {
+            Self::Directions26 => 26,
+            Self::Harmonics { degree } => sphere::harmonic_count(usize::from(degree)),
+        }
+    }
+}
+
+/// Which light the rows hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DirectTerm {
+    /// All of it, light scattered once from the source included, as in \[dobashi\].
+    InRows,
+    /// What was scattered beyond the delta-scaled medium's unscattered light; the runtime works out the rest from the
+    /// stroke itself.
+    AtRunTime,
+}
+
+/// How coefficients are stored. More kinds may follow in later versions of the section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Codec {
+    /// \[dobashi\] §6: every coefficient above the threshold as index u32 and value f32.
+    Paper,
+    /// Gap and dead-zone quantised value, a byte each; rare large ones escape to f32.
+    Bytes,
+}
+
+/// The discretisation that the rows were solved with, for run-time sweeps that match it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolverRecord {
+    /// Solve cells per stored cell along x, y, z.
+    pub refine: [u32; 3],
+    /// Polar nodes per hemisphere and azimuths of a double-Gauss set, or `[0, n]` for Lebedev's set of n.
+    pub directions: [u8; 2],
+    /// 0 = diamond … 1 = step.
+    pub theta: f64,
+    /// Residual asked of every solve.
+    pub tolerance: f64,
+    /// Largest residual that was left.
+    pub worst_residual: f64,
+    /// Most sweeps that a batch took.
+    pub most_sweeps: u32,
+}
+
+/// Everything about a response but its coefficients.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResponseHead {
+    /// Cells that the rows describe; the grid of section `CLDG` or one that divides it.
+    pub shape: GridShape,
+    /// Which sources.
+    pub sources: SourceBasis,
+    /// Which directions.
+    pub channels: ChannelBasis,
+    /// Whether direct light is inside.
+    pub direct: DirectTerm,
+    /// How coefficients lie.
+    pub codec: Codec,
+    /// How they were solved for.
+    pub solver: SolverRecord,
+}
+
+/// Where a row lies, and how far it may be off.
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct RowEntry {
+    /// Start, from the first row's.
+    pub offset: u64,
+    /// Length, bytes.
+    pub length: u32,
+    /// CRC-32 of the row.
+    pub checksum: u32,
+}
+
+/// How far the stored channel of a source of unit strength is from what was solved, as an L2 norm over cells.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct ChannelBound {
+    /// γ of \[dobashi\] §6: root of the sum of squares of the coefficients left out.
+    pub discarded: f32,
+    /// Root of the sum of squares of what quantising changed in those that were kept.
+    pub quantised: f32,
+}
+
+impl ChannelBound {
+    /// γ + q.
+    pub fn total(self) -> f32 {
+        self.discarded + self.quantised
+    }
+}
+
+/// A cloud response: a view into the asset's bytes.
+#[derive(Clone, Debug)]
+pub struct ResponseSection<'a> {
+    /// What the rows mean.
+    pub head: ResponseHead,
+    /// One entry a row.
+    pub index: &'a [RowEntry],
+    /// One bound a row and channel, channels innermost.
+    pub bounds: &'a [ChannelBound],
+    /// All rows.
+    pub rows: &'a [u8],
+}
+
+/// One channel of a row as it lies in the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Channel<'a> {
+    /// Coefficient 0: the mean times √cells.
+    pub mean: f32,
+    /// Value of a quantised 1.
+    pub step: f32,
+    /// The rest.
+    pub stream: &'a [u8],
+}
+
+/// Bytes of a channel's fixed part: mean, step, stream length.
+pub const CHANNEL_BYTES: usize = 12;
+/// Stream value that announces an f32.
+pub const ESCAPE: i8 = i8::MIN;
+
+impl<'a> ResponseSection<'a> {
+    /// The section's tag.
+    pub const TAG: Tag = Tag(*b"CLRT");
+    /// Version that this build writes, and the newest that it reads.
+    pub const VERSION: u16 = 1;
+
+    /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
+    pub fn read(bytes: &'a [u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
+        check_version(Self::TAG, version, Self::VERSION)?;
+        let (head, rest) = split_head(Self::TAG, bytes)?;
+        let head: ResponseHead = meta::decode(Self::TAG, head, limits)?;
+        let cells = head.shape.checked_len().filter(|&cells| cells as u64 <= limits.cells);
+        if cells.is_none() {
+            return Err(invalid("shape", "1 cell to the limit", format!("{:?}", head.shape)));
+        }
+        if let ChannelBasis::Harmonics { degree: 4.. } = head.channels {
+            return Err(invalid("channels", "degree 0 to 3", format!("{:?}", head.channels)));
+        }
+        if head.solver.refine.iter().any(|&factor| factor == 0 || factor > 64) {
+            return Err(invalid("refine", "1 to 64", format!("{:?}", head.solver.refine)));
+        }
+        if !(0.0..=1.0).contains(&head.solver.theta) {
+            return Err(invalid("theta", "0 to 1", head.solver.theta.to_string()));
+        }
+        let SourceBasis::LampGrid { x_m, y_m, z_m, rows: node_rows } = &head.sources;
+        for axis in [x_m, y_m, z_m] {
+            let rising = axis.windows(2).all(|pair| pair[0] < pair[1]);
+            if axis.is_empty() || !rising || !axis.iter().all(|v| v.is_finite()) {
+                return Err(invalid(
+                    "lamp grid axis",
+                    "rising finite metres",
+                    format!("{} nodes", axis.len()),
+                ));
+            }
+        }
+        let nodes = (x_m.len() as u64).saturating_mul(y_m.len() as u64).saturating_mul(z_m.len() as u64);
+        if nodes != node_rows.len() as u64 || nodes > limits.sources {
+            return Err(invalid("lamp grid rows", "one a node", format!("{} for {nodes}", node_rows.len())));
+        }
+        let count = node_rows.iter().filter(|&&row| row != NO_ROW).count();
+        let mut seen = vec![false; count];
+        for &row in node_rows.iter().filter(|&&row| row != NO_ROW) {
+            match seen.get_mut(row as usize) {
+                Some(slot) if !*slot => *slot = true,
+                _ => return Err(invalid("lamp grid rows", "each row once", row.to_string())),
+            }
+        }
+        let channels = head.channels.count();
+        let index_bytes = count * size_of::<RowEntry>();
+        let bounds_bytes = count * channels * size_of::<ChannelBound>();
+        let rows_start = (index_bytes + bounds_bytes).next_multiple_of(64);
+        if rest.len() < rows_start {
+            let missing = (rows_start - rest.len()) as u64;
+            return Err(ReadError::Truncated { section: Self::TAG, offset: bytes.len() as u64, missing });
+        }
+        let cast = |error: bytemuck::PodCastError| invalid("index", "an aligned array", error.to_string());
+        let index: &[RowEntry] = bytemuck::try_cast_slice(&rest[..index_bytes]).map_err(cast)?;
+        let bounds: &[ChannelBound] =
+            bytemuck::try_cast_slice(&rest[index_bytes..index_bytes + bounds_bytes]).map_err(cast)?;
+        if rest[index_bytes + bounds_bytes..rows_start].iter().any(|&b| b != 0) {
+            return Err(invalid("padding before the rows", "zero", "something else".into()));
+        }
+        let rows = &rest[rows_start..];
+        let mut end = 0u64;
+        for entry in index {
+            if entry.offset != end {
+                return Err(invalid("row offset", "the end of the row before", entry.offset.to_string()));
+            }
+            end = end.saturating_add(u64::from(entry.length));
+        }
+        if end != rows.len() as u64 {
+            return Err(invalid("rows", "as long as the index says", format!("{} for {end}", rows.len())));
+        }
+        if !bounds.iter().all(|b| b.total().is_finite() && b.discarded >= 0.0 && b.quantised >= 0.0) {
+            return Err(invalid("error bounds", "finite and not negative", "something else".into()));
+        }
+        Ok(Self { head, index, bounds, rows })
+    }
+
+    /// Number of virtual sources.
+    pub fn row_count(&self) -> usize {
+        self.index.len()
+    }
+
+    /// Length of section bytes that are checked on opening: everything before the rows.
+    pub fn head_length(&self, section_length: u64) -> u64 {
+        section_length - self.rows.len() as u64
+    }
+
+    /// The bytes of row `row` with their checksum verified.
+    pub fn row(&self, row: usize) -> Result<&'a [u8], ReadError> {
+        let bytes = self.row_unchecked(row)?;
+        let (wanted, found) = (self.index[row].checksum, checksum(bytes));
+        if wanted != found {
+            return Err(ReadError::Checksum {
+                section: Self::TAG,
+                part: format!("row {row}"),
+                wanted,
+                found,
+            });
+        }
+        Ok(bytes)
+    }
+
+    /// The bytes of row `row`, for a reader that has verified it before.
+    pub fn row_unchecked(&self, row: usize) -> Result<&'a [u8], ReadError> {
+        let entry =
+            self.index.get(row).ok_or_else(|| invalid("row", "below the row count", row.to_string()))?;
+        let start = entry.offset as usize;
+        self.rows.get(start..start + entry.length as usize).ok_or(ReadError::Truncated {
+            section: Self::TAG,
+            offset: entry.offset,
+            missing: u64::from(entry.length),
+        })
+    }
+
+    /// Bounds of row `row`, one a channel.
+    pub fn bounds_of(&self, row: usize) -> &'a [ChannelBound] {
+        let channels = self.head.channels.count();
+        self.bounds.get(row * channels..(row + 1) * channels).unwrap_or_default()
+    }
+}
+
+fn invalid(field: &'static str, wanted: &'static str, found: String) -> ReadError {
+    ReadError::Invalid { section: ResponseSection::TAG, offset: 8, field, wanted, found }
+}
+
+/// Splits a row into its channels. Errors: a row that ends early or has bytes left over.
+pub fn channels(row: &[u8], count: usize) -> Result<Vec<Channel<'_>>, ReadError> {
+    let short = |missing: usize| ReadError::Truncated {
+        section: ResponseSection::TAG,
+        offset: row.len() as u64,
+        missing: missing as u64,
+    };
+    let fixed = row.get(..count * CHANNEL_BYTES).ok_or_else(|| short(count * CHANNEL_BYTES - row.len()))?;
+    let mut rest = &row[count * CHANNEL_BYTES..];
+    let mut out = Vec::with_capacity(count);
+    for part in fixed.chunks_exact(CHANNEL_BYTES) {
+        let word = |at: usize| [part[at], part[at + 1], part[at + 2], part[at + 3]];
+        let (mean, step) = (f32::from_le_bytes(word(0)), f32::from_le_bytes(word(4)));
+        let length = u32::from_le_bytes(word(8)) as usize;
+        if !(mean.is_finite() && step.is_finite()) {
+            return Err(invalid("channel mean and step", "finite", format!("{mean}, {step}")));
+        }
+        let stream = rest.get(..length).ok_or_else(|| short(length - rest.len()))?;
+        rest = &rest[length..];
+        out.push(Channel { mean, step, stream });
+    }
+    if !rest.is_empty() {
+        return Err(invalid("row", "no byte behind its last channel", format!("{} bytes", rest.len())));
+    }
+    Ok(out)
+}
+
+/// Adds `weight` times a channel's coefficients to `sums`, which has one place a cell.
+///
+/// The stream of codec `Bytes` is pairs (gap, value): the index moves on by gap + 1 from the one before, 0 at the start, and
+/// the coefficient there is value × step; the value −128 says that an f32 follows and is the coefficient. A pair with
+/// value 0 only moves on.
+///
+/// Errors: an index beyond the grid, or a stream that ends inside a pair.
+#[inline]
+pub fn accumulate(
+    channel: &Channel<'_>,
+    codec: Codec,
+    weight: f32,
+    sums: &mut [f32],
+) -> Result<(), ReadError> {
+    let beyond = || invalid("coefficient index", "below the number of cells", "one beyond".into());
+    let broken = || invalid("coefficient stream", "whole coefficients", "one cut off".into());
+    sums.first_mut().map(|sum| *sum += weight * channel.mean).ok_or_else(beyond)?;
+    match codec {
+        Codec::Paper => {
+            let (pairs, rest) = channel.stream.as_chunks::<8>();
+            for pair in pairs {
+                let index = u32::from_le_bytes([pair[0], pair[1], pair[2], pair[3]]) as usize;
+                let value = f32::from_le_bytes([pair[4], pair[5], pair[6], pair[7]]);
+                *sums.get_mut(index).ok_or_else(beyond)? += weight * value;
+            }
+            if !rest.is_empty() {
+                return Err(broken());
+            }
+        }
+        Codec::Bytes => {
+            let scale = weight * channel.step;
+            let mut index = 0usize;
+            let mut stream = channel.stream;
+            while let [gap, value, rest @ ..] = stream {
+                index += usize::from(*gap) + 1;
+                stream = rest;
+                let sum = sums.get_mut(index).ok_or_else(beyond)?;
+                let value = *value as i8;
+                if value != ESCAPE {
+                    *sum += scale * f32::from(value);
+                } else if let [a, b, c, d, rest @ ..] = stream {
+                    *sum += weight * f32::from_le_bytes([*a, *b, *c, *d]);
+                    stream = rest;
+                } else {
+                    return Err(broken());
+                }
+            }
+            if !stream.is_empty() {
+                return Err(broken());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Puts a stream together; coefficients come in rising index, index 0 excluded.
+#[derive(Clone, Debug, Default)]
+pub struct StreamWriter {
+    bytes: Vec<u8>,
+    at: usize,
+}
+
+impl StreamWriter {
+    fn move_to(&mut self, index: usize) -> u8 {
+        let mut gap = index - self.at - 1;
+        while gap > 255 {
+            self.bytes.extend_from_slice(&[255, 0]);
+            gap -= 256;
+        }
+        self.at = index;
+        gap as u8
+    }
+
+    /// A coefficient of `value` steps, −127 to 127.
+    pub fn small(&mut self, index: usize, value: i8) {
+        let gap = self.move_to(index);
+        self.bytes.extend_from_slice(&[gap, value as u8]);
+    }
+
+    /// A coefficient kept as it is.
+    pub fn large(&mut self, index: usize, value: f32) {
+        let gap = self.move_to(index);
+        self.bytes.extend_from_slice(&[gap, ESCAPE as u8]);
+        self.bytes.extend_from_slice(&value.to_le_bytes());
+    }
+
+    /// The stream so far, which is taken; the next coefficient starts a new one.
+    pub fn take(&mut self) -> Vec<u8> {
+        self.at = 0;
+        std::mem::take(&mut self.bytes)
+    }
+}
+
+/// Rows gathered for writing.
+#[derive(Clone, Debug, Default)]
+pub struct ResponseRows {
+    /// One a source, in row order.
+    pub rows: Vec<Vec<u8>>,
+    /// One a row and channel.
+    pub bounds: Vec<ChannelBound>,
+}
+
+/// The section's bytes. `rows` are moved into it unchanged.
+pub fn write(head: &ResponseHead, rows: ResponseRows) -> OutSection {
+    let mut front = join_head(&meta::encode(head));
+    let start = front.len();
+    let mut offset = 0u64;
+    for row in &rows.rows {
+        let entry = RowEntry { offset, length: row.len() as u32, checksum: checksum(row) };
+        front.extend_from_slice(bytemuck::bytes_of(&entry));
+        offset += row.len() as u64;
+    }
+    front.extend_from_slice(bytemuck::cast_slice(&rows.bounds));
+    front.resize(start + (front.len() - start).next_multiple_of(64), 0);
+    let head_length = front.len() as u64;
+    let mut parts = vec![front];
+    parts.extend(rows.rows);
+    OutSection {
+        tag: ResponseSection::TAG,
+        version: ResponseSection::VERSION,
+        required: true,
+        head_length,
+        parts,
+    }
+}

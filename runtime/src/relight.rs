@@ -1,0 +1,319 @@
+//! Clouds lit by a stroke: from points of light to virtual sources to channels per cell. \[dobashi\] §7.
+//!
+//! A stroke's points are split over the virtual sources around them (eq. 6), the sources' rows are summed coefficient by
+//! coefficient (eq. 9) and each channel is transformed back once (eq. 8). Rows are read as they lie in the asset; those
+//! that no point touches are never looked at.
+
+use crate::error::RuntimeError;
+use crate::load::Asset;
+use crate::transport::{Boundary, Cloud};
+use glam::DVec3;
+use squall_formats::haar::Haar;
+use squall_formats::section::cloud::CloudSection;
+use squall_formats::section::response::{
+    ChannelBasis, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SourceBasis, accumulate, channels,
+};
+use squall_formats::sphere;
+
+/// A point of light on a stroke.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LampPoint {
+    /// Where, m.
+    pub position: DVec3,
+    /// Radiant intensity, the same in every direction, W/sr.
+    pub intensity: f64,
+}
+
+/// A virtual source's row and the intensity that a stroke gives it, W/sr.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourceWeight {
+    /// Row of the response.
+    pub row: u32,
+    /// Intensity e_l, W/sr.
+    pub intensity: f32,
+}
+
+/// A response opened for relighting.
+pub struct Relighter<'a> {
+    asset: &'a Asset,
+    response: ResponseSection<'a>,
+    cloud: Cloud,
+    haar: Haar,
+}
+
+/// Memory of relighting calls; nothing is allocated once it has grown to a stroke's size.
+#[derive(Clone, Debug, Default)]
+pub struct RelightBuffers {
+    weights: Vec<SourceWeight>,
+    parts: Vec<(u32, f64)>,
+    verified: Vec<bool>,
+    channels: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+/// The channels of a relit cloud: J's coefficients per cell, W/(m² sr) per unit of basis, one plane a channel.
+#[derive(Clone, Copy, Debug)]
+pub struct Relit<'a> {
+    /// What the planes mean.
+    pub basis: ChannelBasis,
+    /// Cells per plane.
+    pub cells: usize,
+    /// `basis.count()` planes of `cells` values, x fastest.
+    pub planes: &'a [f32],
+}
+
+/// How rows are summed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RelightOptions {
+    /// Adds \[dobashi\] eq. 10's ambient term Σ e_l γ_l to every cell. It is there to be compared with: what the codec leaves
+    /// out has zero mean, so the term turns an error of a few per cent into a multiple of the light.
+    pub paper_ambient: bool,
+}
+
+impl<'a> Relighter<'a> {
+    /// Opens the cloud grid and the response of `asset`.
+    ///
+    /// Errors: the asset lacks either, or they are damaged.
+    pub fn new(asset: &'a Asset) -> Result<Self, RuntimeError> {
+        let grid = asset.section(CloudSection::TAG, "the cloud grid", CloudSection::read)?;
+        grid.check_values().map_err(|error| asset.wrap(error))?;
+        let response = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read)?;
+        let head = grid.head;
+        if response.head.shape != head.shape {
+            let found = format!("response {:?}, grid {:?}", response.head.shape, head.shape);
+            return Err(RuntimeError::argument("response grid", "the cloud grid's shape", found));
+        }
+        let cloud = Cloud {
+            shape: head.shape,
+            cell_m: head.cell_m,
+            origin_m: DVec3::from_array(head.origin_m),
+            extinction: grid.extinction.to_vec(),
+            albedo: head.albedo,
+            g: head.g,
+            boundary: if head.periodic_xy { Boundary::PeriodicXy } else { Boundary::Open },
+        };
+        let haar = Haar::new(head.shape);
+        Ok(Self { asset, response, cloud: cloud.checked()?, haar })
+    }
+
+    /// The cloud grid.
+    pub fn cloud(&self) -> &Cloud {
+        &self.cloud
+    }
+
+    /// The response's rows and what they mean.
+    pub fn response(&self) -> &ResponseSection<'a> {
+        &self.response
+    }
+
+    /// Whether direct light is left to the caller.
+    pub fn direct(&self) -> DirectTerm {
+        self.response.head.direct
+    }
+
+    /// Whether a lamp at `position` can be split over baked sources.
+    pub fn reaches(&self, position: DVec3) -> bool {
+        nodes_around(&self.response.head.sources, position).is_some_and(|parts| {
+            parts
+                .iter()
+                .all(|&(node, share)| share == 0.0 || row_of(&self.response.head.sources, node) != NO_ROW)
+        })
+    }
+
+    /// The box that virtual sources span, smallest and largest corner, m.
+    pub fn reach(&self) -> [DVec3; 2] {
+        reach(&self.response.head.sources)
+    }
+
+    /// Splits a stroke's points over virtual sources; the intensities sum to the stroke's.
+    ///
+    /// Errors: a point that is not finite or lies outside the baked reach.
+    pub fn weigh<'b>(
+        &self,
+        lamps: &[LampPoint],
+        buffers: &'b mut RelightBuffers,
+    ) -> Result<&'b [SourceWeight], RuntimeError> {
+        split_into(&self.response.head, lamps, buffers)?;
+        Ok(&buffers.weights)
+    }
+
+    /// Relights the cloud by a stroke's points.
+    ///
+    /// Errors: a point outside the baked reach, or a damaged row.
+    pub fn relight<'b>(
+        &self,
+        lamps: &[LampPoint],
+        options: RelightOptions,
+        buffers: &'b mut RelightBuffers,
+    ) -> Result<Relit<'b>, RuntimeError> {
+        self.weigh(lamps, buffers)?;
+        let (cells, basis) = (self.haar.len(), self.response.head.channels);
+        let count = basis.count();
+        buffers.verified.resize(self.response.row_count(), false);
+        buffers.channels.clear();
+        buffers.channels.resize(cells * count, 0.0);
+        for weight in &buffers.weights {
+            let row = weight.row as usize;
+            let bytes =
+                if buffers.verified[row] { self.response.row_unchecked(row) } else { self.response.row(row) };
+            let bytes = bytes.map_err(|error| self.asset.wrap(error))?;
+            buffers.verified[row] = true;
+            let parts = channels(bytes, count).map_err(|error| self.asset.wrap(error))?;
+            for (channel, sums) in parts.iter().zip(buffers.channels.chunks_exact_mut(cells)) {
+                accumulate(channel, self.response.head.codec, weight.intensity, sums)
+                    .map_err(|error| self.asset.wrap(error))?;
+            }
+        }
+        for plane in buffers.channels.chunks_exact_mut(cells) {
+            self.haar.inverse(plane, &mut buffers.scratch);
+        }
+        if options.paper_ambient {
+            for (channel, plane) in buffers.channels.chunks_exact_mut(cells).enumerate() {
+                let ambient: f32 = buffers
+                    .weights
+                    .iter()
+                    .filter_map(|w| {
+                        let bound = self.response.bounds_of(w.row as usize).get(channel)?;
+                        Some(w.intensity * bound.discarded)
+                    })
+                    .sum();
+                plane.iter_mut().for_each(|value| *value += ambient);
+            }
+        }
+        Ok(Relit { basis, cells, planes: &buffers.channels })
+    }
+
+    /// How far each channel of the stroke last weighed can be from what was solved, as an L2 norm over cells: Σ |e_l| (γ_l + q_l).
+    pub fn error_bounds(&self, buffers: &RelightBuffers) -> Vec<f64> {
+        let mut sums = vec![0.0; self.response.head.channels.count()];
+        for weight in &buffers.weights {
+            for (sum, bound) in sums.iter_mut().zip(self.response.bounds_of(weight.row as usize)) {
+                *sum += f64::from(weight.intensity.abs()) * f64::from(bound.total());
+            }
+        }
+        sums
+    }
+}
+
+fn reach(sources: &SourceBasis) -> [DVec3; 2] {
+    let SourceBasis::LampGrid { x_m, y_m, z_m, .. } = sources;
+    let ends = |axis: &[f64]| (axis.first().copied().unwrap_or(0.0), axis.last().copied().unwrap_or(0.0));
+    let (x, y, z) = (ends(x_m), ends(y_m), ends(z_m));
+    [DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1)]
+}
+
+fn row_of(sources: &SourceBasis, node: usize) -> u32 {
+    let SourceBasis::LampGrid { rows, .. } = sources;
+    rows.get(node).copied().unwrap_or(NO_ROW)
+}
+
+/// The eight nodes around a point and their shares, which sum to 1; `None` outside the grid.
+fn nodes_around(sources: &SourceBasis, position: DVec3) -> Option<[(usize, f64); 8]> {
+    let SourceBasis::LampGrid { x_m, y_m, z_m, .. } = sources;
+    let (x, y, z) = (between(x_m, position.x)?, between(y_m, position.y)?, between(z_m, position.z)?);
+    let mut parts = [(0, 0.0); 8];
+    for (corner, part) in parts.iter_mut().enumerate() {
+        let pick = |side: usize, (low, high, share): (usize, usize, f64)| {
+            if corner >> side & 1 == 0 { (low, 1.0 - share) } else { (high, share) }
+        };
+        let (i, a) = pick(0, x);
+        let (j, b) = pick(1, y);
+        let (k, c) = pick(2, z);
+        *part = (i + x_m.len() * (j + y_m.len() * k), a * b * c);
+    }
+    Some(parts)
+}
+
+/// The weights that a response gives a stroke's points, rows rising. \[dobashi\] eq. 6.
+///
+/// Errors: a point that is not finite or lies outside the baked reach.
+pub fn split_lamps(head: &ResponseHead, lamps: &[LampPoint]) -> Result<Vec<SourceWeight>, RuntimeError> {
+    let mut buffers = RelightBuffers::default();
+    split_into(head, lamps, &mut buffers)?;
+    Ok(buffers.weights)
+}
+
+fn split_into(
+    head: &ResponseHead,
+    lamps: &[LampPoint],
+    buffers: &mut RelightBuffers,
+) -> Result<(), RuntimeError> {
+    buffers.parts.clear();
+    buffers.weights.clear();
+    for lamp in lamps {
+        let parts = nodes_around(&head.sources, lamp.position).filter(|_| lamp.intensity.is_finite());
+        let shares = parts.iter().flatten().filter(|(_, share)| *share > 0.0);
+        let before = buffers.parts.len();
+        buffers
+            .parts
+            .extend(shares.map(|&(node, share)| (row_of(&head.sources, node), share * lamp.intensity)));
+        let added = &buffers.parts[before..];
+        if added.is_empty() || added.iter().any(|&(row, _)| row == NO_ROW) {
+            let [low, high] = reach(&head.sources);
+            let wanted = format!("a point between {low} and {high} m, where sources were baked");
+            let found = format!("{} with {} W/sr", lamp.position, lamp.intensity);
+            return Err(RuntimeError::argument("lamp position", wanted, found));
+        }
+    }
+    // Sorted by share too, so that the order of summing does not depend on the sort's inner workings.
+    buffers.parts.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    for group in buffers.parts.chunk_by(|a, b| a.0 == b.0) {
+        let intensity = group.iter().map(|&(_, share)| share).sum::<f64>() as f32;
+        buffers.weights.push(SourceWeight { row: group[0].0, intensity });
+    }
+    Ok(())
+}
+
+/// The interval of a rising axis that holds `value`, and how far into it; `None` outside.
+fn between(axis: &[f64], value: f64) -> Option<(usize, usize, f64)> {
+    let (first, last) = (*axis.first()?, *axis.last()?);
+    if !(first <= value && value <= last) {
+        return None;
+    }
+    let high =
+        axis.partition_point(|&node| node <= value).clamp(1, axis.len().max(2) - 1).min(axis.len() - 1);
+    let low = high.saturating_sub(1);
+    if low == high {
+        return Some((low, low, 0.0));
+    }
+    Some((low, high, (value - axis[low]) / (axis[high] - axis[low])))
+}
+
+/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane.
+pub fn channel_factors(basis: ChannelBasis, towards: DVec3, factors: &mut Vec<f32>) {
+    factors.clear();
+    factors.resize(basis.count(), 0.0);
+    match basis {
+        ChannelBasis::Directions26 => {
+            for (direction, weight) in sphere::interpolate_26(towards.to_array()) {
+                factors[direction] += weight as f32;
+            }
+        }
+        ChannelBasis::Harmonics { .. } => {
+            let values = sphere::harmonics(towards.to_array());
+            for (factor, value) in factors.iter_mut().zip(values) {
+                *factor = value as f32;
+            }
+        }
+    }
+}
+
+impl Relit<'_> {
+    /// J in cell `cell` towards the direction that `factors` were made for.
+    pub fn value(&self, cell: usize, factors: &[f32]) -> f32 {
+        factors.iter().enumerate().map(|(channel, f)| f * self.planes[channel * self.cells + cell]).sum()
+    }
+
+    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere.
+    pub fn fluence(&self, cell: usize) -> f32 {
+        match self.basis {
+            ChannelBasis::Directions26 => {
+                let weights = sphere::weights_26();
+                let mean: f64 =
+                    (0..26).map(|d| weights[d] * f64::from(self.planes[d * self.cells + cell])).sum();
+                (mean * 4.0 * std::f64::consts::PI) as f32
+            }
+            ChannelBasis::Harmonics { .. } => self.planes[cell] * libm::sqrtf(4.0 * std::f32::consts::PI),
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! From tables and light to pixels.
+
+pub mod cloud;

@@ -1,0 +1,466 @@
+//! Multiple scattering by discrete ordinates: which moments of light in every cell agree with the scattering that
+//! they cause.
+//!
+//! | symbol | name |
+//! | φ | moments ∫ Y_lm L dΩ of scattered light, cell means |
+//! | S | scattering: σ_s χ_l on the moments of degree l, after delta scaling |
+//! | T | streaming: one [`super::sweep`] |
+//!
+//! The equation is φ = T S (φ + φ_direct). Convergence is judged by its residual, never by the change of an
+//! iteration, which at optical depth 80 without absorption still hides a fifth of the answer.
+//!
+//! Reciprocity makes a short solver possible. With z = |S|^½ φ the equation reads (I − K) z = r; and because a sweep
+//! along −Ω is the transpose of the sweep along Ω, E(I − K) is symmetric, where E flips the sign of odd moments (and of
+//! those with χ_l < 0). So MINRES applies: one sweep an iteration, three past vectors, the smallest residual that any
+//! combination of the sweeps so far can give, and nothing that could divide by zero before it has converged. Every lane
+//! is an equation of its own and stops on its own, so that a light's bytes do not depend on its neighbours in the batch.
+
+use super::cloud::Cloud;
+use super::lanes::{Kernel, Lanes, SimdLevel, run};
+use super::quadrature::Quadrature;
+use super::sweep::{CellCoefficients, Leak, SweepBuffers, Sweeper};
+use crate::error::RuntimeError;
+use crate::phase::DeltaM;
+use fearless_simd::Simd;
+use squall_formats::sphere::degree_of;
+
+/// Moments of the scattered light that a solution holds: harmonics up to degree 3.
+pub const GATHERED: usize = squall_formats::sphere::MAX_HARMONICS;
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolveSettings {
+    /// Direction set of the sweeps.
+    pub quadrature: Quadrature,
+    /// From the diamond scheme (0) to the step scheme (1).
+    pub theta: f64,
+    /// Cut the forward peak off (delta-M). Without it the phase function's raw moments are used.
+    pub delta: bool,
+    /// Residual, relative to the first scattering's light, at which a light counts as solved.
+    pub tolerance: f64,
+    /// Sweeps after which the solver gives up.
+    pub max_sweeps: u32,
+    /// Instructions to use; all give the same bytes.
+    pub level: SimdLevel,
+}
+
+impl Default for SolveSettings {
+    fn default() -> Self {
+        Self {
+            quadrature: Quadrature::Lebedev26,
+            theta: 0.25,
+            delta: true,
+            tolerance: 1e-3,
+            max_sweeps: 2000,
+            level: SimdLevel::Best,
+        }
+    }
+}
+
+/// A grid prepared for solving with `M` source moments: 4 for degree 1, 16 for degree 3.
+pub struct Solver<const M: usize> {
+    sweeper: Sweeper,
+    cells: CellCoefficients,
+    scaled: DeltaM,
+    /// √|χ_l| by degree: the factor of a result.
+    root_moments: [f32; 4],
+    /// √|χ_l| with the sign of χ_l: the factor of a source.
+    signed_moments: [f32; 4],
+    /// Sign of χ_l times (−1)^l, per moment: the matrix E.
+    flip: [f32; M],
+    settings: SolveSettings,
+}
+
+/// How a lane's solve went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LaneReport {
+    /// ‖T S (φ + φ_direct) − φ‖ over the same of the first scattering, in the norm weighted by √S; recomputed from the
+    /// solution itself.
+    pub residual: f64,
+    /// Whether the residual is at or below the tolerance. Never true of a value that is not a number.
+    pub converged: bool,
+}
+
+/// How a batch went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BatchReport {
+    /// Sweeps, the final gather included.
+    pub sweeps: u32,
+    /// Per lane.
+    pub lanes: Vec<LaneReport>,
+}
+
+/// Vectors of a solve, kept between batches so that nothing is allocated per batch.
+#[derive(Clone, Debug, Default)]
+pub struct SolveBuffers<P, const M: usize> {
+    faces: SweepBuffers<P>,
+    /// |S|^½ times the direct moments.
+    direct: Vec<[P; M]>,
+    /// |S|^½ times the scattered moments: z.
+    solution: Vec<[P; M]>,
+    /// Lanczos vectors: the newest, the one before, and what a sweep makes of the newest.
+    newest: Vec<[P; M]>,
+    before: Vec<[P; M]>,
+    swept: Vec<[P; M]>,
+    /// Search directions: the newest and the one before.
+    search: Vec<[P; M]>,
+    search_before: Vec<[P; M]>,
+}
+
+impl<const M: usize> Solver<M> {
+    /// Degree of the source moments: 1 for 4 of them, 3 for 16.
+    pub const DEGREE: usize = degree_of(M - 1);
+
+    /// Prepares `cloud`, whose cells are the solver's.
+    ///
+    /// Errors: settings outside their ranges.
+    pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, RuntimeError> {
+        if !(settings.tolerance > 0.0) {
+            return Err(RuntimeError::argument("solver tolerance", "above 0", settings.tolerance));
+        }
+        let scaled = if settings.delta {
+            cloud.scaled(Self::DEGREE)
+        } else {
+            DeltaM::unscaled(cloud.albedo, cloud.g, Self::DEGREE)
+        };
+        let sweeper = Sweeper::new(cloud, settings.quadrature, settings.theta, settings.level)?;
+        let scale = scaled.extinction_scale as f32;
+        let extinction: Vec<f32> = cloud.extinction.iter().map(|e| e * scale).collect();
+        let albedo = scaled.albedo as f32;
+        let root_scattering = extinction.iter().map(|e| (e * albedo).sqrt()).collect();
+        let sign = |value: f64| if value < 0.0 { -1.0 } else { 1.0 };
+        let parity = |degree: usize| if degree % 2 == 1 { -1.0 } else { 1.0 };
+        Ok(Self {
+            sweeper,
+            cells: CellCoefficients { extinction, root_scattering },
+            scaled,
+            root_moments: scaled.moments.map(|m| m.abs().sqrt() as f32),
+            signed_moments: scaled.moments.map(|m| (sign(m) * m.abs().sqrt()) as f32),
+            flip: std::array::from_fn(|m| (sign(scaled.moments[degree_of(m)]) * parity(degree_of(m))) as f32),
+            settings,
+        })
+    }
+
+    /// The delta scaling in use.
+    pub fn scaled(&self) -> DeltaM {
+        self.scaled
+    }
+
+    /// Solves for the light that the direct light scatters, any number of times.
+    ///
+    /// `direct` holds moments ∫ Y_m L dΩ of light unscattered in the scaled medium, mean per cell: see
+    /// [`super::direct::DirectField::moments`]. `gathered` receives the same moments of scattered light, up to degree 3.
+    /// A lane that does not converge is reported so and holds its best iterate. `leak`, if given, is added the scattered
+    /// light that leaves the grid, W.
+    ///
+    /// Panics when `direct` is not one grid long.
+    pub fn solve<P: Lanes>(
+        &self,
+        direct: &[[P; M]],
+        gathered: &mut Vec<[P; GATHERED]>,
+        buffers: &mut SolveBuffers<P, M>,
+        leak: Option<&mut Leak>,
+    ) -> BatchReport {
+        let count = self.cells.extinction.len();
+        assert_eq!(direct.len(), count);
+        buffers.reset(count);
+        for (cell, (to, from)) in buffers.direct.iter_mut().zip(direct).enumerate() {
+            let root = self.root(cell);
+            for m in 0..M {
+                to[m] = P::from_fn(|lane| from[m].lane(lane) * root[m]);
+            }
+        }
+        let mut sweeps = 0;
+        let mut scale: Option<Vec<f64>> = None;
+        loop {
+            let residual = run(self.settings.level, Residual { solver: self, buffers });
+            sweeps += 1;
+            let scale = scale.get_or_insert_with(|| residual.clone());
+            let goals: Vec<f64> = scale.iter().map(|s| s * self.settings.tolerance).collect();
+            let done = residual.iter().zip(&goals).all(|(r, goal)| r <= goal);
+            // The gather below is a sweep too; another round needs two at least.
+            let budget = self.settings.max_sweeps.saturating_sub(sweeps + 2);
+            if done || budget == 0 {
+                break;
+            }
+            let round = Minres { solver: self, buffers, residual: &residual, goals: &goals, budget };
+            let used = run(self.settings.level, round);
+            sweeps += used;
+            if used == 0 {
+                break;
+            }
+        }
+        gathered.clear();
+        gathered.resize(count, [P::splat(0.0); GATHERED]);
+        let left = run(self.settings.level, Gather { solver: self, buffers, gathered, leak });
+        let lanes = left.iter().zip(scale.unwrap_or_default()).map(|(&left, scale)| {
+            let residual = if scale == 0.0 { 0.0 } else { left / scale };
+            LaneReport { residual, converged: residual <= self.settings.tolerance }
+        });
+        BatchReport { sweeps: sweeps + 1, lanes: lanes.collect() }
+    }
+
+    /// |S|^½ of a cell, per moment.
+    #[inline(always)]
+    fn root(&self, cell: usize) -> [f32; M] {
+        let root = self.cells.root_scattering[cell];
+        std::array::from_fn(|m| root * self.root_moments[degree_of(m)])
+    }
+}
+
+impl<P: Lanes, const M: usize> SolveBuffers<P, M> {
+    fn reset(&mut self, count: usize) {
+        let zero = [P::splat(0.0); M];
+        for vector in [
+            &mut self.direct,
+            &mut self.solution,
+            &mut self.newest,
+            &mut self.before,
+            &mut self.swept,
+            &mut self.search,
+            &mut self.search_before,
+        ] {
+            vector.clear();
+            vector.resize(count, zero);
+        }
+    }
+}
+
+/// Sums over the grid, one a lane: single precision inside a cell, double across cells, in index order.
+struct Sums {
+    total: [f64; 16],
+}
+
+impl Sums {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { total: [0.0; 16] }
+    }
+
+    #[inline(always)]
+    fn add<S: Simd, P: Lanes, const M: usize>(&mut self, simd: S, a: &[P; M], b: &[P; M]) {
+        let mut sum = a[0].load(simd) * b[0].load(simd);
+        for m in 1..M {
+            sum = sum + a[m].load(simd) * b[m].load(simd);
+        }
+        let sum = P::store(sum);
+        for lane in 0..P::COUNT {
+            self.total[lane] += f64::from(sum.lane(lane));
+        }
+    }
+
+    #[inline(always)]
+    fn lanes<P: Lanes>(&self) -> Vec<f64> {
+        self.total[..P::COUNT].to_vec()
+    }
+}
+
+/// Leaves E (K (z + direct) − z) in `newest`; its norm per lane comes back.
+struct Residual<'a, P, const M: usize> {
+    solver: &'a Solver<M>,
+    buffers: &'a mut SolveBuffers<P, M>,
+}
+
+impl<P: Lanes, const M: usize> Kernel for Residual<'_, P, M> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Vec<f64> {
+        let SolveBuffers { faces, direct, solution, swept, before, newest, .. } = self.buffers;
+        let solver = self.solver;
+        for (sum, (z, d)) in before.iter_mut().zip(solution.iter().zip(direct.iter())) {
+            for m in 0..M {
+                sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
+            }
+        }
+        solver.sweeper.run(&solver.cells, solver.signed_moments, before, swept, faces, None);
+        let mut norm = Sums::new();
+        for cell in 0..solution.len() {
+            let root = solver.root(cell);
+            for m in 0..M {
+                let left = swept[cell][m].load(simd) * root[m] - solution[cell][m].load(simd);
+                newest[cell][m] = P::store(left * solver.flip[m]);
+            }
+            norm.add(simd, &newest[cell], &newest[cell]);
+        }
+        norm.lanes::<P>().into_iter().map(f64::sqrt).collect()
+    }
+}
+
+/// MINRES on E(I − K) e = r with r in `newest`, of norm `residual`; adds e to the solution. Ends when every lane's
+/// estimate is below its goal or `budget` sweeps are spent, and returns the sweeps used.
+struct Minres<'a, P, const M: usize> {
+    solver: &'a Solver<M>,
+    buffers: &'a mut SolveBuffers<P, M>,
+    residual: &'a [f64],
+    goals: &'a [f64],
+    budget: u32,
+}
+
+/// The rotations of one lane's recurrence (Paige and Saunders 1975).
+#[derive(Clone, Copy)]
+struct Recurrence {
+    active: bool,
+    beta: f64,
+    eta: f64,
+    cos: f64,
+    cos_before: f64,
+    sin: f64,
+    sin_before: f64,
+    /// Of this step: share of the two last search directions, and of the vector, in the new one; length of the step.
+    from_search: f64,
+    from_before: f64,
+    from_vector: f64,
+    step: f64,
+}
+
+impl Recurrence {
+    fn new(residual: f64, goal: f64) -> Self {
+        Self {
+            // A residual that is not a number is nothing that this lane could work on.
+            active: residual > goal && residual.is_finite(),
+            beta: 0.0,
+            eta: residual,
+            cos: 1.0,
+            cos_before: 1.0,
+            sin: 0.0,
+            sin_before: 0.0,
+            from_search: 0.0,
+            from_before: 0.0,
+            from_vector: 0.0,
+            step: 0.0,
+        }
+    }
+
+    /// Takes in the Lanczos step's α and β and prepares the search step.
+    fn advance(&mut self, alpha: f64, beta_next: f64, goal: f64) {
+        let delta = self.cos * alpha - self.cos_before * self.sin * self.beta;
+        let rho = (delta * delta + beta_next * beta_next).sqrt();
+        if !self.active || !rho.is_finite() || rho == 0.0 {
+            // Nothing more to gain from this lane; its solution stays as it is.
+            self.active = false;
+            (self.from_search, self.from_before, self.from_vector, self.step) = (0.0, 0.0, 0.0, 0.0);
+            return;
+        }
+        self.from_search = -(self.sin * alpha + self.cos_before * self.cos * self.beta) / rho;
+        self.from_before = -(self.sin_before * self.beta) / rho;
+        self.from_vector = 1.0 / rho;
+        let (cos, sin) = (delta / rho, beta_next / rho);
+        self.step = cos * self.eta;
+        self.eta *= -sin;
+        (self.cos_before, self.cos, self.sin_before, self.sin) = (self.cos, cos, self.sin, sin);
+        self.beta = beta_next;
+        self.active = self.eta.abs() > goal && beta_next > 0.0;
+    }
+}
+
+impl<P: Lanes, const M: usize> Kernel for Minres<'_, P, M> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> u32 {
+        let solver = self.solver;
+        let SolveBuffers { faces, solution, swept, before, newest, search, search_before, .. } = self.buffers;
+        let mut lanes: Vec<Recurrence> =
+            self.residual.iter().zip(self.goals).map(|(&r, &goal)| Recurrence::new(r, goal)).collect();
+        let pack = |lanes: &[Recurrence], f: &dyn Fn(&Recurrence) -> f64| P::from_fn(|l| f(&lanes[l]) as f32);
+        let zero = [P::splat(0.0); M];
+        before.fill(zero);
+        search.fill(zero);
+        search_before.fill(zero);
+        let unit = P::from_fn(|l| if lanes[l].active { (1.0 / self.residual[l]) as f32 } else { 0.0 });
+        let unit = unit.load(simd);
+        for v in newest.iter_mut() {
+            for m in 0..M {
+                v[m] = P::store(v[m].load(simd) * unit);
+            }
+        }
+        let mut used = 0;
+        while used < self.budget && lanes.iter().any(|lane| lane.active) {
+            solver.sweeper.run(&solver.cells, solver.signed_moments, newest, swept, faces, None);
+            used += 1;
+            let mut alpha = Sums::new();
+            for cell in 0..solution.len() {
+                let root = solver.root(cell);
+                for m in 0..M {
+                    let left = newest[cell][m].load(simd) - swept[cell][m].load(simd) * root[m];
+                    swept[cell][m] = P::store(left * solver.flip[m]);
+                }
+                alpha.add(simd, &newest[cell], &swept[cell]);
+            }
+            let alpha = alpha.lanes::<P>();
+            let along = P::from_fn(|l| alpha[l] as f32).load(simd);
+            let along_before = pack(&lanes, &|lane| lane.beta).load(simd);
+            let mut beta = Sums::new();
+            for cell in 0..solution.len() {
+                for m in 0..M {
+                    let rest = swept[cell][m].load(simd)
+                        - newest[cell][m].load(simd) * along
+                        - before[cell][m].load(simd) * along_before;
+                    swept[cell][m] = P::store(rest);
+                }
+                beta.add(simd, &swept[cell], &swept[cell]);
+            }
+            let beta: Vec<f64> = beta.lanes::<P>().into_iter().map(f64::sqrt).collect();
+            for (l, lane) in lanes.iter_mut().enumerate() {
+                lane.advance(alpha[l], beta[l], self.goals[l]);
+            }
+            let from_vector = pack(&lanes, &|lane| lane.from_vector).load(simd);
+            let from_search = pack(&lanes, &|lane| lane.from_search).load(simd);
+            let from_before = pack(&lanes, &|lane| lane.from_before).load(simd);
+            let step = pack(&lanes, &|lane| lane.step).load(simd);
+            let unit = P::from_fn(|l| if lanes[l].active { (1.0 / beta[l]) as f32 } else { 0.0 });
+            let unit = unit.load(simd);
+            for cell in 0..solution.len() {
+                for m in 0..M {
+                    let w = newest[cell][m].load(simd) * from_vector
+                        + search[cell][m].load(simd) * from_search
+                        + search_before[cell][m].load(simd) * from_before;
+                    search_before[cell][m] = P::store(w);
+                    solution[cell][m] = P::store(solution[cell][m].load(simd) + w * step);
+                    swept[cell][m] = P::store(swept[cell][m].load(simd) * unit);
+                }
+            }
+            std::mem::swap(search, search_before);
+            // The newest vector becomes the one before, the swept one the newest.
+            std::mem::swap(before, newest);
+            std::mem::swap(newest, swept);
+        }
+        used
+    }
+}
+
+/// One last sweep, from the solution to all gathered moments; returns the norm of the residual that it shows.
+struct Gather<'a, P, const M: usize> {
+    solver: &'a Solver<M>,
+    buffers: &'a mut SolveBuffers<P, M>,
+    gathered: &'a mut [[P; GATHERED]],
+    leak: Option<&'a mut Leak>,
+}
+
+impl<P: Lanes, const M: usize> Kernel for Gather<'_, P, M> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Vec<f64> {
+        let solver = self.solver;
+        let SolveBuffers { faces, direct, solution, before, .. } = self.buffers;
+        for (sum, (z, d)) in before.iter_mut().zip(solution.iter().zip(direct.iter())) {
+            for m in 0..M {
+                sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
+            }
+        }
+        solver.sweeper.run(&solver.cells, solver.signed_moments, before, self.gathered, faces, self.leak);
+        let mut norm = Sums::new();
+        for cell in 0..solution.len() {
+            let root = solver.root(cell);
+            let mut left = [P::splat(0.0); M];
+            for m in 0..M {
+                left[m] =
+                    P::store(self.gathered[cell][m].load(simd) * root[m] - solution[cell][m].load(simd));
+            }
+            norm.add(simd, &left, &left);
+        }
+        norm.lanes::<P>().into_iter().map(f64::sqrt).collect()
+    }
+}

@@ -1,0 +1,445 @@
+//! One pass of streaming through the grid: given the source in every cell, the light that leaves it in every
+//! direction of the set, summed into moments.
+//!
+//! | symbol | name | unit |
+//! | σ | `extinction`, after delta scaling | 1/m |
+//! | ψ | angular flux in a direction, cell mean | W/(m² sr) per unit source |
+//! | A | face weight: ψ_out = A ψ − (A − 1) ψ_in | – |
+//!
+//! Balance in a cell, for direction Ω: Σ_axis |Ω|/h (ψ_out − ψ_in) + σψ = q. With A = 2 that is the diamond scheme
+//! (second order; thick cells can turn negative), with A = 1 the step scheme (first order, never negative).
+//! Whatever A, what leaves a cell enters the next, so that energy is conserved to round-off; and a source in cell i
+//! makes in cell j along Ω what one in j makes in i along −Ω: the operator is reciprocal, which [`super::solve`]
+//! relies on.
+
+use super::cloud::{Boundary, Cloud};
+use super::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
+use super::quadrature::{Ordinate, Quadrature};
+use super::sweep_one::{Pair, SingleKernel, pairs};
+use crate::error::RuntimeError;
+use fearless_simd::Simd;
+use squall_formats::GridShape;
+use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
+
+/// Directions of one octant that the kernel holds in registers together.
+const GROUP: usize = 4;
+/// Passes around a periodic plane before the inflow counts as settled.
+const MAX_WRAPS: usize = 64;
+/// Change of a periodic inflow, relative to its largest value, that counts as settled.
+const WRAP_TOLERANCE: f32 = 1e-6;
+
+/// One direction of a group, with everything that does not depend on the cell.
+#[derive(Clone, Copy, Debug, Default)]
+struct Beam {
+    /// A·|Ω|/h along x, y, z, 1/m.
+    coupling: [f32; 3],
+    /// Harmonics in this direction.
+    basis: [f32; MAX_HARMONICS],
+    /// Harmonics times 4π times the direction's share of the sphere.
+    tally: [f32; MAX_HARMONICS],
+    /// 4π × share × |Ω| along x, y, z: what a unit of ψ carries through a unit of face.
+    flow: [f64; 3],
+}
+
+/// Up to [`GROUP`] directions that travel through the grid in the same order.
+#[derive(Clone, Debug)]
+struct Group {
+    /// Whether light travels towards larger x, y, z.
+    forward: [bool; 3],
+    beams: Vec<Beam>,
+}
+
+/// Light leaving the grid through its six faces, W per lane: −x, +x, −y, +y, −z, +z.
+pub type Leak = [Vec<f64>; 6];
+
+/// Sweeps for one grid, direction set and scheme.
+#[derive(Clone, Debug)]
+pub struct Sweeper {
+    shape: GridShape,
+    boundary: Boundary,
+    groups: Vec<Group>,
+    bundles: Bundles,
+    face_weight: f32,
+    face_area: [f64; 3],
+    level: SimdLevel,
+}
+
+/// Light on the faces between cells.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Faces<P> {
+    pub(super) x: Vec<P>,
+    pub(super) y: Vec<P>,
+    pub(super) z: Vec<P>,
+    inflow: Vec<P>,
+}
+
+/// Buffers of a sweep, kept between calls so that nothing is allocated per sweep.
+#[derive(Clone, Debug, Default)]
+pub struct SweepBuffers<P> {
+    lights: Faces<P>,
+    four: Faces<F32x4>,
+    eight: Faces<F32x8>,
+    sixteen: Faces<F32x16>,
+}
+
+/// Directions of a single light's sweep, in registers as wide as the fullest octant needs.
+#[derive(Clone, Debug)]
+enum Bundles {
+    Four(Vec<Pair<F32x4>>),
+    Eight(Vec<Pair<F32x8>>),
+    Sixteen(Vec<Pair<F32x16>>),
+}
+
+/// What every cell contributes to its own source: extinction, and the root of its scaled scattering coefficient.
+#[derive(Clone, Debug)]
+pub struct CellCoefficients {
+    /// Extinction after scaling, 1/m.
+    pub extinction: Vec<f32>,
+    /// √ of the scattering coefficient after scaling, m^−½.
+    pub root_scattering: Vec<f32>,
+}
+
+impl Sweeper {
+    /// Plans sweeps through `cloud`'s grid. `theta` in [0, 1] goes from the diamond scheme (0) to the step scheme (1):
+    /// A = 2 / (1 + θ).
+    ///
+    /// Errors: θ outside [0, 1], or a direction set outside its range.
+    pub fn new(cloud: &Cloud, set: Quadrature, theta: f64, level: SimdLevel) -> Result<Self, RuntimeError> {
+        if !(0.0..=1.0).contains(&theta) {
+            return Err(RuntimeError::argument("theta of the sweep", "0 to 1", theta));
+        }
+        let face_weight = 2.0 / (1.0 + theta);
+        let mut groups = Vec::new();
+        let ordinates = set.ordinates()?;
+        for octant in 0..8 {
+            let forward = [octant & 1 == 0, octant & 2 == 0, octant & 4 == 0];
+            // A component of zero goes with the forward octants: it carries nothing either way.
+            let belongs = |o: &&Ordinate| (0..3).all(|axis| (o.direction[axis] >= 0.0) == forward[axis]);
+            let beams: Vec<Beam> =
+                ordinates.iter().filter(belongs).map(|o| Beam::new(o, cloud.cell_m, face_weight)).collect();
+            groups.extend(beams.chunks(GROUP).map(|beams| Group { forward, beams: beams.to_vec() }));
+        }
+        let fullest = (0..8)
+            .map(|octant| {
+                let bit = |axis: usize| octant >> axis & 1 == 0;
+                ordinates
+                    .iter()
+                    .filter(|o| (0..3).all(|axis| (o.direction[axis] >= 0.0) == bit(axis)))
+                    .count()
+            })
+            .max();
+        let bundles = match fullest.unwrap_or(0) {
+            0..=4 => Bundles::Four(pairs(&ordinates, cloud.cell_m, face_weight)),
+            5..=8 => Bundles::Eight(pairs(&ordinates, cloud.cell_m, face_weight)),
+            _ => Bundles::Sixteen(pairs(&ordinates, cloud.cell_m, face_weight)),
+        };
+        let [hx, hy, hz] = cloud.cell_m;
+        Ok(Self {
+            bundles,
+            shape: cloud.shape,
+            boundary: cloud.boundary,
+            groups,
+            face_weight: face_weight as f32,
+            face_area: [hy * hz, hx * hz, hx * hy],
+            level,
+        })
+    }
+
+    /// Moments of the angular flux that the sources make.
+    ///
+    /// `source` holds `M` values a cell and lane, x fastest; with k = `root_moments[degree]` a cell's source in
+    /// direction Ω is q = √σ_s Σ_m k Y_m(Ω) source_m, which is how the symmetric solver keeps its vectors.
+    /// `result` gets `O` moments ∫ Y_m ψ dΩ a cell and lane, overwritten. `leak`, if given, is added to: light leaving
+    /// the grid, watts.
+    ///
+    /// Panics when an array is not one grid long.
+    pub fn run<P: Lanes, const M: usize, const O: usize>(
+        &self,
+        cells: &CellCoefficients,
+        root_moments: [f32; 4],
+        source: &[[P; M]],
+        result: &mut [[P; O]],
+        buffers: &mut SweepBuffers<P>,
+        leak: Option<&mut Leak>,
+    ) {
+        let count = self.shape.len();
+        assert!(source.len() == count && result.len() == count && cells.extinction.len() == count);
+        if P::COUNT == 1 && self.boundary == Boundary::Open {
+            let (source, result) = (bytemuck::cast_slice(source), bytemuck::cast_slice_mut(result));
+            let SweepBuffers { four, eight, sixteen, .. } = buffers;
+            match &self.bundles {
+                Bundles::Four(pairs) => {
+                    self.single::<_, M, O>(pairs, cells, root_moments, source, result, four, leak)
+                }
+                Bundles::Eight(pairs) => {
+                    self.single::<_, M, O>(pairs, cells, root_moments, source, result, eight, leak)
+                }
+                Bundles::Sixteen(pairs) => {
+                    self.single::<_, M, O>(pairs, cells, root_moments, source, result, sixteen, leak)
+                }
+            }
+            return;
+        }
+        let buffers = &mut buffers.lights;
+        let kernel = SweepKernel { sweeper: self, cells, root_moments, source, result, buffers, leak };
+        run(self.level, kernel);
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn single<D: Lanes, const M: usize, const O: usize>(
+        &self,
+        pairs: &[Pair<D>],
+        cells: &CellCoefficients,
+        root_moments: [f32; 4],
+        source: &[[f32; M]],
+        result: &mut [[f32; O]],
+        faces: &mut Faces<D>,
+        leak: Option<&mut Leak>,
+    ) {
+        let kernel = SingleKernel {
+            shape: self.shape,
+            pairs,
+            face_weight: self.face_weight,
+            face_area: self.face_area,
+            cells,
+            root_moments,
+            source,
+            result,
+            faces,
+            leak,
+        };
+        run(self.level, kernel);
+    }
+}
+
+impl Beam {
+    fn new(ordinate: &Ordinate, cell_m: [f64; 3], face_weight: f64) -> Self {
+        let sphere = 4.0 * std::f64::consts::PI * ordinate.weight;
+        let basis = harmonics(ordinate.direction);
+        let speed = ordinate.direction.map(f64::abs);
+        Self {
+            coupling: std::array::from_fn(|axis| (face_weight * speed[axis] / cell_m[axis]) as f32),
+            basis: basis.map(|y| y as f32),
+            tally: basis.map(|y| (sphere * y) as f32),
+            flow: speed.map(|s| sphere * s),
+        }
+    }
+}
+
+struct SweepKernel<'a, P, const M: usize, const O: usize> {
+    sweeper: &'a Sweeper,
+    cells: &'a CellCoefficients,
+    root_moments: [f32; 4],
+    source: &'a [[P; M]],
+    result: &'a mut [[P; O]],
+    buffers: &'a mut Faces<P>,
+    leak: Option<&'a mut Leak>,
+}
+
+/// The constants of one group, gathered for the inner loop.
+struct Plane<'a, P, const M: usize> {
+    sweeper: &'a Sweeper,
+    cells: &'a CellCoefficients,
+    source: &'a [[P; M]],
+    /// Factor of each source moment.
+    factors: [f32; M],
+    group: &'a Group,
+    z: usize,
+    /// Where this group's faces across z begin.
+    start: usize,
+}
+
+impl<P: Lanes, const M: usize, const O: usize> Kernel for SweepKernel<'_, P, M, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self, simd: S) {
+        let [nx, ny, nz] = self.sweeper.shape.to_array();
+        let dark = P::splat(0.0);
+        self.result.fill([dark; O]);
+        let factors = std::array::from_fn(|m| self.root_moments[degree_of(m)]);
+        // Light going up and light going down in turn, and all that goes the same way plane by plane: the plane's
+        // sources and results then stay in the cache for all of them.
+        for up in [true, false] {
+            let groups = || self.sweeper.groups.iter().filter(|group| group.forward[2] == up);
+            let total: usize = groups().map(|group| group.beams.len()).sum();
+            reset(&mut self.buffers.z, nx * ny * total, dark);
+            for step in 0..nz {
+                let z = if up { step } else { nz - 1 - step };
+                let mut start = 0;
+                for group in groups() {
+                    let width = group.beams.len();
+                    let plane = Plane {
+                        sweeper: self.sweeper,
+                        cells: self.cells,
+                        source: self.source,
+                        factors,
+                        group,
+                        z,
+                        start,
+                    };
+                    start += nx * ny * width;
+                    reset(&mut self.buffers.x, ny * width, dark);
+                    reset(&mut self.buffers.y, nx * width, dark);
+                    match self.sweeper.boundary {
+                        Boundary::Open => {
+                            plane.sweep::<S, O, true>(simd, self.buffers, self.result);
+                            if let Some(leak) = self.leak.as_deref_mut() {
+                                self.sweeper.tally_leak(group, 0, &self.buffers.x, leak);
+                                self.sweeper.tally_leak(group, 1, &self.buffers.y, leak);
+                            }
+                        }
+                        Boundary::PeriodicXy => plane.settle(simd, self.buffers, self.result),
+                    }
+                }
+            }
+            if let Some(leak) = self.leak.as_deref_mut() {
+                let mut start = 0;
+                for group in groups() {
+                    let count = nx * ny * group.beams.len();
+                    self.sweeper.tally_leak(group, 2, &self.buffers.z[start..start + count], leak);
+                    start += count;
+                }
+            }
+        }
+    }
+}
+
+fn reset<P: Copy>(faces: &mut Vec<P>, count: usize, value: P) {
+    faces.clear();
+    faces.resize(count, value);
+}
+
+impl<P: Lanes, const M: usize> Plane<'_, P, M> {
+    /// A plane whose sides are joined: repeats the plane until what enters equals what leaves, then tallies.
+    #[inline(always)]
+    fn settle<S: Simd, const O: usize>(&self, simd: S, buffers: &mut Faces<P>, result: &mut [[P; O]]) {
+        let faces = self.start..self.start + self.sweeper.shape.slab_stride() * self.group.beams.len();
+        let entering = buffers.z[faces.clone()].to_vec();
+        for _ in 0..MAX_WRAPS {
+            buffers.inflow.clear();
+            buffers.inflow.extend_from_slice(&buffers.x);
+            buffers.inflow.extend_from_slice(&buffers.y);
+            self.sweep::<S, O, false>(simd, buffers, result);
+            buffers.z[faces.clone()].copy_from_slice(&entering);
+            let (mut change, mut largest) = (0.0f32, 0.0f32);
+            for (old, new) in buffers.inflow.iter().zip(buffers.x.iter().chain(&buffers.y)) {
+                for lane in 0..P::COUNT {
+                    change = change.max((new.lane(lane) - old.lane(lane)).abs());
+                    largest = largest.max(new.lane(lane).abs());
+                }
+            }
+            if change <= WRAP_TOLERANCE * largest {
+                break;
+            }
+        }
+        self.sweep::<S, O, true>(simd, buffers, result);
+    }
+
+    /// Sweeps one plane of cells; with `TALLY` the moments go into `result`.
+    #[inline(always)]
+    fn sweep<S: Simd, const O: usize, const TALLY: bool>(
+        &self,
+        simd: S,
+        buffers: &mut Faces<P>,
+        result: &mut [[P; O]],
+    ) {
+        match self.group.beams.len() {
+            1 => self.sweep_width::<S, O, 1, TALLY>(simd, buffers, result),
+            2 => self.sweep_width::<S, O, 2, TALLY>(simd, buffers, result),
+            3 => self.sweep_width::<S, O, 3, TALLY>(simd, buffers, result),
+            _ => self.sweep_width::<S, O, GROUP, TALLY>(simd, buffers, result),
+        }
+    }
+
+    #[inline(always)]
+    fn sweep_width<S: Simd, const O: usize, const W: usize, const TALLY: bool>(
+        &self,
+        simd: S,
+        buffers: &mut Faces<P>,
+        result: &mut [[P; O]],
+    ) {
+        let [nx, ny, _] = self.sweeper.shape.to_array();
+        let forward = self.group.forward;
+        let (keep, weight) = (self.sweeper.face_weight - 1.0, self.sweeper.face_weight);
+        let Ok(beams) = <&[Beam; W]>::try_from(&self.group.beams[..]) else { return };
+        let loss: [f32; W] = std::array::from_fn(|b| beams[b].coupling.iter().sum());
+        let (x_faces, _) = buffers.x.as_chunks_mut::<W>();
+        let (y_faces, _) = buffers.y.as_chunks_mut::<W>();
+        let (z_faces, _) = buffers.z[self.start..].as_chunks_mut::<W>();
+        let none = P::splat(0.0).load(simd);
+        for y_step in 0..ny {
+            let y = if forward[1] { y_step } else { ny - 1 - y_step };
+            // Loops, not closures: only what is inlined for sure is compiled for the wide registers.
+            let mut along_x = [none; W];
+            for b in 0..W {
+                along_x[b] = x_faces[y][b].load(simd);
+            }
+            let row = self.sweeper.shape.index(0, y, self.z);
+            let extinction = &self.cells.extinction[row..row + nx];
+            let root = &self.cells.root_scattering[row..row + nx];
+            let source = &self.source[row..row + nx];
+            let result = &mut result[row..row + nx];
+            let y_faces = &mut y_faces[..nx];
+            let z_faces = &mut z_faces[y * nx..(y + 1) * nx];
+            for x_step in 0..nx {
+                let x = if forward[0] { x_step } else { nx - 1 - x_step };
+                let (y_face, z_face) = (&mut y_faces[x], &mut z_faces[x]);
+                let (mut from, mut sums) = ([none; M], [none; O]);
+                for m in 0..M {
+                    from[m] = source[x][m].load(simd) * (root[x] * self.factors[m]);
+                }
+                for m in 0..O {
+                    sums[m] = result[x][m].load(simd);
+                }
+                for b in 0..W {
+                    let beam = &beams[b];
+                    let mut q = from[0] * beam.basis[0];
+                    for m in 1..M {
+                        q = q + from[m] * beam.basis[m];
+                    }
+                    let (along_y, along_z) = (y_face[b].load(simd), z_face[b].load(simd));
+                    let q = q + along_y * beam.coupling[1] + along_z * beam.coupling[2];
+                    // Along x each cell waits for the one before: two operations of that chain, not five.
+                    let inverse = 1.0 / (extinction[x] + loss[b]);
+                    let psi = (q + along_x[b] * beam.coupling[0]) * inverse;
+                    let made = weight * inverse;
+                    along_x[b] = q * made + along_x[b] * (made * beam.coupling[0] - keep);
+                    let out = psi * weight;
+                    y_face[b] = P::store(out - along_y * keep);
+                    z_face[b] = P::store(out - along_z * keep);
+                    if TALLY {
+                        for m in 0..O {
+                            sums[m] = sums[m] + psi * beam.tally[m];
+                        }
+                    }
+                }
+                if TALLY {
+                    for m in 0..O {
+                        result[x][m] = P::store(sums[m]);
+                    }
+                }
+            }
+            for b in 0..W {
+                x_faces[y][b] = P::store(along_x[b]);
+            }
+        }
+    }
+}
+
+impl Sweeper {
+    /// Adds what the faces of one axis carry out of the grid.
+    fn tally_leak<P: Lanes>(&self, group: &Group, axis: usize, faces: &[P], leak: &mut Leak) {
+        let side = 2 * axis + usize::from(group.forward[axis]);
+        let width = group.beams.len();
+        for lane in 0..P::COUNT {
+            let mut sum = 0.0;
+            for face in faces.chunks_exact(width) {
+                for (value, beam) in face.iter().zip(&group.beams) {
+                    sum += f64::from(value.lane(lane)) * beam.flow[axis];
+                }
+            }
+            leak[side][lane] += sum * self.face_area[axis];
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! The sweep of a single light: directions side by side in a register, where [`super::sweep`] has lights.
+//!
+//! All directions of an octant visit the cells in the same order, so they share a register; octants that mirror each
+//! other in x go along a row together, from both ends, so that while one waits for its cell the other works.
+
+use super::lanes::{Kernel, Lanes};
+use super::quadrature::Ordinate;
+use super::sweep::{CellCoefficients, Faces, Leak};
+use fearless_simd::Simd;
+use squall_formats::GridShape;
+use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
+
+/// Two bundles of directions that are each other's mirror image in x.
+#[derive(Clone, Debug)]
+pub(super) struct Pair<D> {
+    /// Whether light travels towards larger y and z.
+    forward: [bool; 2],
+    /// Towards larger x, and towards smaller x.
+    bundles: [Bundle<D>; 2],
+}
+
+#[derive(Clone, Debug)]
+struct Bundle<D> {
+    coupling: [D; 3],
+    loss: D,
+    basis: [D; MAX_HARMONICS],
+    /// Per lane, the factor of each moment.
+    tally: [[f32; MAX_HARMONICS]; 16],
+    flow: [D; 3],
+}
+
+impl<D: Lanes> Bundle<D> {
+    fn new(ordinates: &[Ordinate], cell_m: [f64; 3], face_weight: f64) -> Self {
+        // Lanes without a direction of their own repeat the first and count nothing.
+        let of = |lane: usize| ordinates.get(lane).unwrap_or(&ordinates[0]);
+        let weight = |lane: usize| {
+            4.0 * std::f64::consts::PI * ordinates.get(lane).map_or(0.0, |ordinate| ordinate.weight)
+        };
+        let speed = |lane: usize, axis: usize| of(lane).direction[axis].abs();
+        let coupling = |lane: usize, axis: usize| (face_weight * speed(lane, axis) / cell_m[axis]) as f32;
+        Self {
+            coupling: std::array::from_fn(|axis| D::from_fn(|lane| coupling(lane, axis))),
+            loss: D::from_fn(|lane| coupling(lane, 0) + coupling(lane, 1) + coupling(lane, 2)),
+            basis: std::array::from_fn(|m| D::from_fn(|lane| harmonics(of(lane).direction)[m] as f32)),
+            tally: std::array::from_fn(|lane| {
+                harmonics(of(lane).direction).map(|y| (weight(lane) * y) as f32)
+            }),
+            flow: std::array::from_fn(|axis| D::from_fn(|lane| (weight(lane) * speed(lane, axis)) as f32)),
+        }
+    }
+}
+
+/// Sorts directions into pairs of bundles of at most `D::COUNT`.
+pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3], face_weight: f64) -> Vec<Pair<D>> {
+    let mut pairs = Vec::new();
+    for (up_y, up_z) in [(true, true), (false, true), (true, false), (false, false)] {
+        let belongs = |o: &&Ordinate| (o.direction[1] >= 0.0) == up_y && (o.direction[2] >= 0.0) == up_z;
+        let side = |up_x: bool| -> Vec<Ordinate> {
+            let mine = |o: &&Ordinate| (o.direction[0] >= 0.0) == up_x;
+            ordinates.iter().filter(belongs).filter(mine).copied().collect()
+        };
+        let (right, left) = (side(true), side(false));
+        // Directions across x go with the right-hand side alone, which can then hold more bundles.
+        let chunks = right.len().div_ceil(D::COUNT).max(left.len().div_ceil(D::COUNT));
+        for chunk in 0..chunks {
+            let part = |list: &[Ordinate]| -> Vec<Ordinate> {
+                let silent = Ordinate { direction: [1.0, 0.0, 0.0], weight: 0.0 };
+                let part: Vec<_> = list.iter().skip(chunk * D::COUNT).take(D::COUNT).copied().collect();
+                if part.is_empty() { vec![silent] } else { part }
+            };
+            pairs.push(Pair {
+                forward: [up_y, up_z],
+                bundles: [part(&right), part(&left)].map(|list| Bundle::new(&list, cell_m, face_weight)),
+            });
+        }
+    }
+    pairs
+}
+
+pub(super) struct SingleKernel<'a, D, const M: usize, const O: usize> {
+    pub shape: GridShape,
+    pub pairs: &'a [Pair<D>],
+    pub face_weight: f32,
+    pub face_area: [f64; 3],
+    pub cells: &'a CellCoefficients,
+    pub root_moments: [f32; 4],
+    pub source: &'a [[f32; M]],
+    pub result: &'a mut [[f32; O]],
+    pub faces: &'a mut Faces<D>,
+    pub leak: Option<&'a mut Leak>,
+}
+
+impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self, simd: S) {
+        let [nx, ny, nz] = self.shape.to_array();
+        let factors: [f32; M] = std::array::from_fn(|m| self.root_moments[degree_of(m)]);
+        let (weight, keep) = (self.face_weight, self.face_weight - 1.0);
+        let dark = D::splat(0.0);
+        self.result.fill([0.0; O]);
+        for pair in self.pairs {
+            let Faces { x: x_faces, y: y_faces, z: z_faces, .. } = &mut *self.faces;
+            z_faces.clear();
+            z_faces.resize(2 * nx * ny, dark);
+            let (z_faces, _) = z_faces.as_chunks_mut::<2>();
+            for z_step in 0..nz {
+                let z = if pair.forward[1] { z_step } else { nz - 1 - z_step };
+                x_faces.clear();
+                y_faces.clear();
+                y_faces.resize(2 * nx, dark);
+                let (y_faces, _) = y_faces.as_chunks_mut::<2>();
+                for y_step in 0..ny {
+                    let y = if pair.forward[0] { y_step } else { ny - 1 - y_step };
+                    let row = self.shape.index(0, y, z);
+                    let extinction = &self.cells.extinction[row..row + nx];
+                    let root = &self.cells.root_scattering[row..row + nx];
+                    let source = &self.source[row..row + nx];
+                    let result = &mut self.result[row..row + nx];
+                    let y_faces = &mut y_faces[..nx];
+                    let z_faces = &mut z_faces[y * nx..(y + 1) * nx];
+                    let mut along_x = [dark.load(simd); 2];
+                    for step in 0..nx {
+                        let at = [step, nx - 1 - step];
+                        for side in 0..2 {
+                            let (x, bundle) = (at[side], &pair.bundles[side]);
+                            let [c0, c1, c2] = bundle.coupling;
+                            let coupling = [c0.load(simd), c1.load(simd), c2.load(simd)];
+                            let from = |m: usize| source[x][m] * (root[x] * factors[m]);
+                            let mut q = bundle.basis[0].load(simd) * from(0);
+                            for m in 1..M {
+                                q = q + bundle.basis[m].load(simd) * from(m);
+                            }
+                            let along_y = y_faces[x][side].load(simd);
+                            let along_z = z_faces[x][side].load(simd);
+                            let q = q + along_y * coupling[1] + along_z * coupling[2];
+                            let extinction = D::splat(extinction[x]).load(simd);
+                            let inverse = D::reciprocal(simd, extinction + bundle.loss.load(simd));
+                            let psi = (q + along_x[side] * coupling[0]) * inverse;
+                            let made = inverse * weight;
+                            let passed = made * coupling[0] - D::splat(keep).load(simd);
+                            along_x[side] = q * made + along_x[side] * passed;
+                            let out = psi * weight;
+                            y_faces[x][side] = D::store(out - along_y * keep);
+                            z_faces[x][side] = D::store(out - along_z * keep);
+                            let psi = D::store(psi);
+                            let mut sums = result[x];
+                            for lane in 0..D::COUNT {
+                                for m in 0..O {
+                                    sums[m] += psi.lane(lane) * bundle.tally[lane][m];
+                                }
+                            }
+                            result[x] = sums;
+                        }
+                    }
+                    x_faces.push(D::store(along_x[0]));
+                    x_faces.push(D::store(along_x[1]));
+                }
+                if let Some(leak) = self.leak.as_deref_mut() {
+                    let y_side = usize::from(pair.forward[0]);
+                    for (side, bundle) in pair.bundles.iter().enumerate() {
+                        leak[1 - side][0] += outflow(x_faces, side, bundle.flow[0]) * self.face_area[0];
+                        leak[2 + y_side][0] +=
+                            outflow(y_faces.as_flattened(), side, bundle.flow[1]) * self.face_area[1];
+                    }
+                }
+            }
+            if let Some(leak) = self.leak.as_deref_mut() {
+                for (side, bundle) in pair.bundles.iter().enumerate() {
+                    leak[4 + usize::from(pair.forward[1])][0] +=
+                        outflow(z_faces.as_flattened(), side, bundle.flow[2]) * self.face_area[2];
+                }
+            }
+        }
+    }
+}
+
+/// Flow through faces that two bundles share in turns.
+fn outflow<D: Lanes>(faces: &[D], side: usize, flow: D) -> f64 {
+    let face = |face: &D| -> f64 {
+        (0..D::COUNT).map(|lane| f64::from(face.lane(lane)) * f64::from(flow.lane(lane))).sum()
+    };
+    faces.iter().skip(side).step_by(2).map(face).sum()
+}
