@@ -12,7 +12,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use squall_formats::haar::Haar;
 use squall_formats::section::response::{
-    ChannelBasis, Codec, DirectTerm, NO_ROW, ResponseHead, ResponseRows, SolverRecord, SourceBasis,
+    ChannelBasis, Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
+    SolverRecord, SourceBasis,
 };
 use squall_formats::sphere::{self, MAX_HARMONICS, degree_of};
 use squall_runtime::relight::LampPoint;
@@ -78,6 +79,15 @@ pub struct ResponseSettings {
     pub solve: SolveSettings,
 }
 
+/// What to bake rows for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sources {
+    /// Virtual lamps.
+    pub lamps: LampGrid,
+    /// Distant light.
+    pub distant: Vec<DistantKind>,
+}
+
 /// What a bake of a response made.
 pub struct BakedResponse {
     /// The section's head.
@@ -110,12 +120,12 @@ struct Batch {
     rows: Vec<(CompressedRow, Option<Vec<f32>>)>,
 }
 
-/// Bakes the rows of all wanted nodes.
+/// Bakes the rows of all wanted nodes, and behind them those of distant light.
 ///
 /// `strokes` are judged, not baked for. Errors: a solve that does not converge, settings out of range, an interruption.
 pub fn bake_response(
     cloud: &Cloud,
-    grid: &LampGrid,
+    sources: &Sources,
     settings: &ResponseSettings,
     strokes: &[Vec<LampPoint>],
     progress: &dyn Progress,
@@ -133,6 +143,7 @@ pub fn bake_response(
         haar: Haar::new(cloud.shape),
         directions: sphere::directions_26().map(DVec3::from_array),
     };
+    let grid = &sources.lamps;
     let nodes: Vec<usize> =
         (0..grid.len()).filter(|&node| grid.wanted.is_empty() || grid.wanted[node]).collect();
     let mut node_rows = vec![NO_ROW; grid.len()];
@@ -147,6 +158,10 @@ pub fn bake_response(
             z_m: grid.z_m.clone(),
             rows: node_rows,
         },
+        distant: (nodes.len()..)
+            .zip(&sources.distant)
+            .map(|(row, &kind)| DistantSource { kind, row: row as u32 })
+            .collect(),
         channels: settings.channels,
         direct: settings.direct,
         codec: settings.codec,
@@ -164,20 +179,27 @@ pub fn bake_response(
     progress.begin("test strokes", strokes.len() as u64);
     let mut tests = context.solve_strokes(strokes, progress)?;
 
-    progress.begin("cloud response", nodes.len() as u64);
+    // Lamps first, then distant light, in batches of their own: only the latter always keep their direct light.
+    let lamp = |&node: &usize| vec![Light::Point { position: grid.position(node), intensity: 1.0 }];
+    let lamps: Vec<Vec<Light>> = nodes.iter().map(lamp).collect();
+    let distant: Vec<Vec<Light>> =
+        sources.distant.iter().map(|&kind| distant_lights(kind)).collect::<Result<_, _>>()?;
+    progress.begin("cloud response", (lamps.len() + distant.len()) as u64);
     let (mut rows, mut kept, mut sweeps) = (ResponseRows::default(), 0, 0u64);
-    let batches: Vec<&[usize]> = nodes.chunks(BATCH).collect();
-    for (round, group) in batches.chunks(BATCHES_AT_ONCE).enumerate() {
+    let mut batches: Vec<(u32, &[Vec<Light>], bool)> = Vec::new();
+    for (lights, first, in_rows) in [(&lamps, 0, context.in_rows()), (&distant, lamps.len(), true)] {
+        batches.extend(
+            lights.chunks(BATCH).enumerate().map(|(i, part)| ((first + i * BATCH) as u32, part, in_rows)),
+        );
+    }
+    for group in batches.chunks(BATCHES_AT_ONCE) {
         let solved: Vec<Result<Batch, BakeError>> = group
             .par_iter()
-            .enumerate()
-            .map_init(Work::default, |work, (i, batch)| {
+            .map_init(Work::default, |work, &(first, lights, in_rows)| {
                 progress.check()?;
-                let first = ((round * BATCHES_AT_ONCE + i) * BATCH) as u32;
                 let needed = |row: u32| weights.iter().any(|list| list.iter().any(|&(r, _)| r == row));
-                let positions: Vec<DVec3> = batch.iter().map(|&node| grid.position(node)).collect();
-                let done = context.solve_batch(&positions, |lane| needed(first + lane as u32), work);
-                progress.advance(batch.len() as u64);
+                let done = context.solve_batch(lights, in_rows, |lane| needed(first + lane as u32), work);
+                progress.advance(lights.len() as u64);
                 done
             })
             .collect();
@@ -200,6 +222,25 @@ pub fn bake_response(
         }
     }
     Ok(BakedResponse { head, rows, tests, kept, sweeps })
+}
+
+/// Beams that together are distant light of unit strength: for a hemisphere, one a direction of a fine set.
+fn distant_lights(kind: DistantKind) -> Result<Vec<Light>, BakeError> {
+    let downward = match kind {
+        DistantKind::Beam { direction } => {
+            return Ok(vec![Light::Beam { direction: DVec3::from_array(direction), irradiance: 1.0 }]);
+        }
+        DistantKind::UpperSky => true,
+        DistantKind::LowerSky => false,
+    };
+    let set = Quadrature::DoubleGauss { polar: 3, azimuths: 12 }.ordinates()?;
+    let mine = set.iter().filter(|o| (o.direction[2] < 0.0) == downward);
+    Ok(mine
+        .map(|o| Light::Beam {
+            direction: DVec3::from_array(o.direction),
+            irradiance: 4.0 * std::f64::consts::PI * o.weight,
+        })
+        .collect())
 }
 
 /// How [`SolverRecord`] writes a direction set down.
@@ -258,7 +299,7 @@ impl Context<'_> {
     /// Traces lights, one list a lane, and solves for what they scatter.
     fn solve_lanes<P: Lanes>(
         &self,
-        lanes: &[Vec<LampPoint>],
+        lanes: &[Vec<Light>],
         towards: bool,
         work: &mut Work<P>,
     ) -> Result<BatchReport, BakeError> {
@@ -272,10 +313,9 @@ impl Context<'_> {
         work.sources.clear();
         work.sources.resize(self.fine.shape.len(), [P::splat(0.0); 4]);
         work.towards.clear();
-        for (lane, lamps) in lanes.iter().enumerate() {
+        for (lane, lights) in lanes.iter().enumerate() {
             direct.clear();
-            for lamp in lamps {
-                let light = Light::Point { position: lamp.position, intensity: lamp.intensity };
+            for &light in lights {
                 self.tracer.rays(light, self.settings.samples, |ray| {
                     self.tracer.trace(ray, &mut direct);
                 });
@@ -295,10 +335,7 @@ impl Context<'_> {
         for (lane, lamps) in report.lanes.iter().zip(lanes) {
             if !lane.converged {
                 return Err(BakeError::NotReached {
-                    what: format!(
-                        "transport of a lamp at {}",
-                        lamps.first().map_or(DVec3::ZERO, |l| l.position)
-                    ),
+                    what: format!("transport of {:?}", lights.first()),
                     wanted: format!("residual {:e}", self.settings.solve.tolerance),
                     reached: format!("{:e} after {} sweeps", lane.residual, report.sweeps),
                     hint: "a larger tolerance or more sweeps help".into(),
@@ -320,7 +357,7 @@ impl Context<'_> {
     }
 
     /// One lane's channels, one plane a channel.
-    fn channels<P: Lanes>(&self, lane: usize, work: &Work<P>) -> Vec<f32> {
+    fn channels<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
         let coefficients = self.coefficients(lane, work);
         let cells = coefficients.len() / MAX_HARMONICS;
         let count = self.settings.channels.count();
@@ -342,7 +379,7 @@ impl Context<'_> {
                 }
             }
         }
-        if self.in_rows() {
+        if in_rows {
             self.add_direct(&mut planes, &work.towards[lane]);
         }
         planes
@@ -375,16 +412,15 @@ impl Context<'_> {
 
     fn solve_batch(
         &self,
-        positions: &[DVec3],
+        lanes: &[Vec<Light>],
+        in_rows: bool,
         needed: impl Fn(usize) -> bool,
         work: &mut Work<F32x16>,
     ) -> Result<Batch, BakeError> {
-        let lanes: Vec<Vec<LampPoint>> =
-            positions.iter().map(|&position| vec![LampPoint { position, intensity: 1.0 }]).collect();
-        let report = self.solve_lanes(&lanes, self.in_rows(), work)?;
+        let report = self.solve_lanes(lanes, in_rows, work)?;
         let mut rows = Vec::with_capacity(lanes.len());
         for lane in 0..lanes.len() {
-            let mut planes = self.channels(lane, work);
+            let mut planes = self.channels(lane, in_rows, work);
             let kept = needed(lane).then(|| planes.clone());
             for plane in planes.chunks_exact_mut(self.haar.len()) {
                 self.haar.forward(plane, &mut work.scratch);
@@ -405,7 +441,9 @@ impl Context<'_> {
             .par_iter()
             .map_init(Work::<f32>::default, |work, lamps| {
                 progress.check()?;
-                self.solve_lanes(std::slice::from_ref(lamps), true, work)?;
+                let light = |l: &LampPoint| Light::Point { position: l.position, intensity: l.intensity };
+                let lights: Vec<Light> = lamps.iter().map(light).collect();
+                self.solve_lanes(&[lights], true, work)?;
                 let mut truth = in_26_directions(&self.coefficients(0, work));
                 let direct = std::mem::take(&mut work.towards[0]);
                 for (sum, value) in truth.iter_mut().zip(&direct) {

@@ -1,5 +1,6 @@
 //! Section tags, and one module per section.
 
+pub mod bolt;
 pub mod cloud;
 pub mod response;
 
@@ -25,7 +26,7 @@ impl std::fmt::Debug for Tag {
 }
 
 /// Tags of the sections that this build reads; any other is skipped when optional and refused when required.
-pub const KNOWN: &[Tag] = &[cloud::CloudSection::TAG, response::ResponseSection::TAG];
+pub const KNOWN: &[Tag] = &[bolt::BoltSection::TAG, cloud::CloudSection::TAG, response::ResponseSection::TAG];
 
 /// Whether this build reads sections of kind `tag`.
 pub fn is_known(tag: Tag) -> bool {

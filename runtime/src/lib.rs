@@ -8,6 +8,7 @@
 mod audited;
 pub mod camera;
 pub mod error;
+pub mod flash;
 pub mod load;
 pub mod math;
 pub mod phase;
@@ -15,6 +16,7 @@ pub mod picture;
 pub mod random;
 pub mod relight;
 pub mod shade;
+pub mod stroke;
 pub mod transport;
 
 pub use error::RuntimeError;

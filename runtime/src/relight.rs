@@ -11,7 +11,8 @@ use glam::DVec3;
 use squall_formats::haar::Haar;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{
-    ChannelBasis, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SourceBasis, accumulate, channels,
+    ChannelBasis, DirectTerm, DistantKind, NO_ROW, ResponseHead, ResponseSection, SourceBasis, accumulate,
+    channels,
 };
 use squall_formats::sphere;
 
@@ -146,7 +147,32 @@ impl<'a> Relighter<'a> {
         options: RelightOptions,
         buffers: &'b mut RelightBuffers,
     ) -> Result<Relit<'b>, RuntimeError> {
-        self.weigh(lamps, buffers)?;
+        split_into(&self.response.head, lamps, buffers)?;
+        self.sum_rows(options, buffers)
+    }
+
+    /// The cloud in distant light of unit strength; `None` where the asset has no row for it.
+    ///
+    /// Errors: a damaged row.
+    pub fn distant<'b>(
+        &self,
+        kind: DistantKind,
+        buffers: &'b mut RelightBuffers,
+    ) -> Result<Option<Relit<'b>>, RuntimeError> {
+        let Some(source) = self.response.head.distant.iter().find(|source| source.kind == kind) else {
+            return Ok(None);
+        };
+        buffers.weights.clear();
+        buffers.weights.push(SourceWeight { row: source.row, intensity: 1.0 });
+        self.sum_rows(RelightOptions::default(), buffers).map(Some)
+    }
+
+    /// Sums the rows that `buffers.weights` names and transforms every channel back.
+    fn sum_rows<'b>(
+        &self,
+        options: RelightOptions,
+        buffers: &'b mut RelightBuffers,
+    ) -> Result<Relit<'b>, RuntimeError> {
         let (cells, basis) = (self.haar.len(), self.response.head.channels);
         let count = basis.count();
         buffers.verified.resize(self.response.row_count(), false);
@@ -156,26 +182,22 @@ impl<'a> Relighter<'a> {
             let row = weight.row as usize;
             let bytes =
                 if buffers.verified[row] { self.response.row_unchecked(row) } else { self.response.row(row) };
-            let bytes = bytes.map_err(|error| self.asset.wrap(error))?;
+            let parts =
+                bytes.and_then(|bytes| channels(bytes, count)).map_err(|error| self.asset.wrap(error))?;
             buffers.verified[row] = true;
-            let parts = channels(bytes, count).map_err(|error| self.asset.wrap(error))?;
             for (channel, sums) in parts.iter().zip(buffers.channels.chunks_exact_mut(cells)) {
                 accumulate(channel, self.response.head.codec, weight.intensity, sums)
                     .map_err(|error| self.asset.wrap(error))?;
             }
         }
-        for plane in buffers.channels.chunks_exact_mut(cells) {
+        for (channel, plane) in buffers.channels.chunks_exact_mut(cells).enumerate() {
             self.haar.inverse(plane, &mut buffers.scratch);
-        }
-        if options.paper_ambient {
-            for (channel, plane) in buffers.channels.chunks_exact_mut(cells).enumerate() {
+            if options.paper_ambient {
+                let bound = |w: &SourceWeight| self.response.bounds_of(w.row as usize).get(channel).copied();
                 let ambient: f32 = buffers
                     .weights
                     .iter()
-                    .filter_map(|w| {
-                        let bound = self.response.bounds_of(w.row as usize).get(channel)?;
-                        Some(w.intensity * bound.discarded)
-                    })
+                    .map(|w| w.intensity * bound(w).unwrap_or_default().discarded)
                     .sum();
                 plane.iter_mut().for_each(|value| *value += ambient);
             }

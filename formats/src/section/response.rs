@@ -29,6 +29,29 @@ pub enum SourceBasis {
     },
 }
 
+/// Light from far away that fills the space around the cloud.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum DistantKind {
+    /// Radiance 1 W/(m² sr) from every direction above the horizon.
+    UpperSky,
+    /// Radiance 1 W/(m² sr) from every direction below the horizon.
+    LowerSky,
+    /// A beam of irradiance 1 W/m² across it, a low sun for instance.
+    Beam {
+        /// Unit direction of travel.
+        direction: [f64; 3],
+    },
+}
+
+/// A row that belongs to distant light; it holds all of that light, direct light included.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DistantSource {
+    /// Which light.
+    pub kind: DistantKind,
+    /// Its row.
+    pub row: u32,
+}
+
 /// No row for this node.
 pub const NO_ROW: u32 = u32::MAX;
 
@@ -98,6 +121,8 @@ pub struct ResponseHead {
     pub shape: GridShape,
     /// Which sources.
     pub sources: SourceBasis,
+    /// Rows of distant light.
+    pub distant: Vec<DistantSource>,
     /// Which directions.
     pub channels: ChannelBasis,
     /// Whether direct light is inside.
@@ -205,12 +230,24 @@ impl<'a> ResponseSection<'a> {
         if nodes != node_rows.len() as u64 || nodes > limits.sources {
             return Err(invalid("lamp grid rows", "one a node", format!("{} for {nodes}", node_rows.len())));
         }
-        let count = node_rows.iter().filter(|&&row| row != NO_ROW).count();
+        let listed = || {
+            let lamps = node_rows.iter().copied().filter(|&row| row != NO_ROW);
+            lamps.chain(head.distant.iter().map(|source| source.row))
+        };
+        let count = listed().count();
         let mut seen = vec![false; count];
-        for &row in node_rows.iter().filter(|&&row| row != NO_ROW) {
+        for row in listed() {
             match seen.get_mut(row as usize) {
                 Some(slot) if !*slot => *slot = true,
-                _ => return Err(invalid("lamp grid rows", "each row once", row.to_string())),
+                _ => return Err(invalid("rows of sources", "each row once", row.to_string())),
+            }
+        }
+        for source in &head.distant {
+            if let DistantKind::Beam { direction } = source.kind {
+                let length: f64 = direction.iter().map(|v| v * v).sum();
+                if !((length - 1.0).abs() < 1e-6) {
+                    return Err(invalid("beam direction", "a unit vector", format!("{direction:?}")));
+                }
             }
         }
         let channels = head.channels.count();
