@@ -332,7 +332,7 @@ impl Context<'_> {
         }
         work.direct = Some(direct);
         let report = self.solver.solve(&work.sources, &mut work.gathered, &mut work.buffers, None);
-        for (lane, lamps) in report.lanes.iter().zip(lanes) {
+        for (lane, lights) in report.lanes.iter().zip(lanes) {
             if !lane.converged {
                 return Err(BakeError::NotReached {
                     what: format!("transport of {:?}", lights.first()),
