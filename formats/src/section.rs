@@ -2,6 +2,7 @@
 
 pub mod bolt;
 pub mod cloud;
+pub mod provenance;
 pub mod response;
 
 use crate::ReadError;
@@ -26,7 +27,12 @@ impl std::fmt::Debug for Tag {
 }
 
 /// Tags of the sections that this build reads; any other is skipped when optional and refused when required.
-pub const KNOWN: &[Tag] = &[bolt::BoltSection::TAG, cloud::CloudSection::TAG, response::ResponseSection::TAG];
+pub const KNOWN: &[Tag] = &[
+    bolt::BoltSection::TAG,
+    cloud::CloudSection::TAG,
+    response::ResponseSection::TAG,
+    provenance::ProvenanceSection::TAG,
+];
 
 /// Whether this build reads sections of kind `tag`.
 pub fn is_known(tag: Tag) -> bool {
