@@ -42,7 +42,6 @@ impl Default for TruthSettings {
             high_degree: false,
             solve: SolveSettings {
                 quadrature: Quadrature::Lebedev50,
-                theta: 0.0,
                 tolerance: 1e-4,
                 level: SimdLevel::Best,
                 ..SolveSettings::default()

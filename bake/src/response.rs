@@ -168,7 +168,7 @@ pub fn bake_response(
         solver: SolverRecord {
             refine: factors,
             directions: directions_record(settings.solve.quadrature),
-            theta: settings.solve.theta,
+            scheme: settings.solve.scheme,
             tolerance: settings.solve.tolerance,
             worst_residual: 0.0,
             most_sweeps: 0,

@@ -1,1 +1,39 @@
-//! Judges.
+//! Judges the rooms of Squall against each other and against truth that none of them made.
+//!
+//! Names are claims; every tolerance is a named constant with its reason. Reference files that do not come with the
+//! project are looked for in `../shared/reference`; a test that needs them prints "skipped: no ../shared" without them.
+#![forbid(unsafe_code)]
+
+use std::path::PathBuf;
+
+/// The folder of the workspace.
+pub fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).parent().map(PathBuf::from).unwrap_or_default()
+}
+
+/// A file of the reference data, or `None` (said aloud) where the data is absent.
+///
+/// With `SQUALL_REQUIRE_SHARED=1` absence is a failure.
+pub fn reference(name: &str) -> Option<PathBuf> {
+    let path = root().join("../shared/reference").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    assert!(std::env::var_os("SQUALL_REQUIRE_SHARED").is_none(), "{} is required", path.display());
+    println!("skipped: no ../shared ({name})");
+    None
+}
+
+/// Fails unless two numbers agree to a share of the larger.
+#[track_caller]
+pub fn assert_close(found: f64, wanted: f64, relative: f64, what: &str) {
+    let scale = found.abs().max(wanted.abs());
+    assert!(
+        (found - wanted).abs() <= relative * scale,
+        "{what}: found {found}, wanted {wanted} within {relative}; off by {}",
+        (found - wanted).abs() / scale
+    );
+}
+
+#[cfg(test)]
+mod transport;

@@ -19,9 +19,6 @@ pub struct Args {
     /// Direction set: 14, 26, 50 or POLARxAZIMUTHS.
     #[arg(long, default_value = "50")]
     directions: String,
-    /// 0 = diamond scheme … 1 = step scheme.
-    #[arg(long, default_value_t = 0.0)]
-    theta: f64,
     #[arg(long, default_value_t = 2)]
     samples: u32,
     #[arg(long)]
@@ -42,7 +39,6 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         high_degree: args.high_degree,
         ..Default::default()
     };
-    settings.solve.theta = args.theta;
     settings.solve.tolerance = args.tolerance;
     settings.solve.delta = !args.no_delta;
     settings.solve.quadrature = match args.directions.as_str() {

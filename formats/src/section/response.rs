@@ -97,6 +97,17 @@ pub enum Codec {
     Bytes,
 }
 
+/// How a cell's mean flux is carried to its faces (runtime: `transport::sweep`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SweepScheme {
+    /// Second order in thin cells, never negative in thick ones.
+    Weighted,
+    /// Second order everywhere; oscillates in thick cells.
+    Diamond,
+    /// First order, never negative.
+    Step,
+}
+
 /// The discretisation that the rows were solved with, for run-time sweeps that match it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SolverRecord {
@@ -104,8 +115,8 @@ pub struct SolverRecord {
     pub refine: [u32; 3],
     /// Polar nodes per hemisphere and azimuths of a double-Gauss set, or `[0, n]` for Lebedev's set of n.
     pub directions: [u8; 2],
-    /// 0 = diamond … 1 = step.
-    pub theta: f64,
+    /// Scheme of the sweeps.
+    pub scheme: SweepScheme,
     /// Residual asked of every solve.
     pub tolerance: f64,
     /// Largest residual that was left.
@@ -211,9 +222,6 @@ impl<'a> ResponseSection<'a> {
         }
         if head.solver.refine.iter().any(|&factor| factor == 0 || factor > 64) {
             return Err(invalid("refine", "1 to 64", format!("{:?}", head.solver.refine)));
-        }
-        if !(0.0..=1.0).contains(&head.solver.theta) {
-            return Err(invalid("theta", "0 to 1", head.solver.theta.to_string()));
         }
         let SourceBasis::LampGrid { x_m, y_m, z_m, rows: node_rows } = &head.sources;
         for axis in [x_m, y_m, z_m] {

@@ -22,6 +22,7 @@ use super::sweep::{CellCoefficients, Leak, SweepBuffers, Sweeper};
 use crate::error::RuntimeError;
 use crate::phase::DeltaM;
 use fearless_simd::Simd;
+use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::degree_of;
 
 /// Moments of the scattered light that a solution holds: harmonics up to degree 3.
@@ -32,8 +33,8 @@ pub const GATHERED: usize = squall_formats::sphere::MAX_HARMONICS;
 pub struct SolveSettings {
     /// Direction set of the sweeps.
     pub quadrature: Quadrature,
-    /// From the diamond scheme (0) to the step scheme (1).
-    pub theta: f64,
+    /// How fluxes are carried through cells.
+    pub scheme: SweepScheme,
     /// Cut the forward peak off (delta-M). Without it the phase function's raw moments are used.
     pub delta: bool,
     /// Residual, relative to the first scattering's light, at which a light counts as solved.
@@ -48,7 +49,7 @@ impl Default for SolveSettings {
     fn default() -> Self {
         Self {
             quadrature: Quadrature::Lebedev26,
-            theta: 0.25,
+            scheme: SweepScheme::Weighted,
             delta: true,
             tolerance: 1e-3,
             max_sweeps: 2000,
@@ -123,7 +124,7 @@ impl<const M: usize> Solver<M> {
         } else {
             DeltaM::unscaled(cloud.albedo, cloud.g, Self::DEGREE)
         };
-        let sweeper = Sweeper::new(cloud, settings.quadrature, settings.theta, settings.level)?;
+        let sweeper = Sweeper::new(cloud, settings.quadrature, settings.scheme, settings.level)?;
         let scale = scaled.extinction_scale as f32;
         let extinction: Vec<f32> = cloud.extinction.iter().map(|e| e * scale).collect();
         let albedo = scaled.albedo as f32;

@@ -4,13 +4,15 @@
 //! | symbol | name | unit |
 //! | σ | `extinction`, after delta scaling | 1/m |
 //! | ψ | angular flux in a direction, cell mean | W/(m² sr) per unit source |
+//! | s | |Ω|/h along an axis | 1/m |
 //! | A | face weight: ψ_out = A ψ − (A − 1) ψ_in | – |
 //!
-//! Balance in a cell, for direction Ω: Σ_axis |Ω|/h (ψ_out − ψ_in) + σψ = q. With A = 2 that is the diamond scheme
-//! (second order; thick cells can turn negative), with A = 1 the step scheme (first order, never negative).
-//! Whatever A, what leaves a cell enters the next, so that energy is conserved to round-off; and a source in cell i
-//! makes in cell j along Ω what one in j makes in i along −Ω: the operator is reciprocal, which [`super::solve`]
-//! relies on.
+//! Balance in a cell, for direction Ω: Σ_axis s (ψ_out − ψ_in) + σψ = q. With A = 2 that is the diamond scheme (second
+//! order; thick cells turn negative), with A = 1 the step scheme (first order, never negative). The weighted scheme takes
+//! A = (σ + 6s)/(σ + 3s) for each cell and axis, which follows the exact ratio of a cell's outgoing to its mean flux to
+//! second order in thin cells and goes to 1 in thick ones. Whatever A, what leaves a cell enters the next, so that energy
+//! is conserved to round-off; and a source in cell i makes in cell j along Ω what one in j makes in i along −Ω, because
+//! every face crossed counts A_i s A_j from either side: the operator is reciprocal, which [`super::solve`] relies on.
 
 use super::cloud::{Boundary, Cloud};
 use super::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
@@ -19,6 +21,7 @@ use super::sweep_one::{Pair, SingleKernel, pairs};
 use crate::error::RuntimeError;
 use fearless_simd::Simd;
 use squall_formats::GridShape;
+use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 
 /// Directions of one octant that the kernel holds in registers together.
@@ -31,14 +34,36 @@ const WRAP_TOLERANCE: f32 = 1e-6;
 /// One direction of a group, with everything that does not depend on the cell.
 #[derive(Clone, Copy, Debug, Default)]
 struct Beam {
-    /// A·|Ω|/h along x, y, z, 1/m.
-    coupling: [f32; 3],
+    /// |Ω|/h along x, y, z, 1/m.
+    speed: [f32; 3],
     /// Harmonics in this direction.
     basis: [f32; MAX_HARMONICS],
     /// Harmonics times 4π times the direction's share of the sphere.
     tally: [f32; MAX_HARMONICS],
     /// 4π × share × |Ω| along x, y, z: what a unit of ψ carries through a unit of face.
     flow: [f64; 3],
+}
+
+/// A = (uσ + 2κs + ε) / (uσ + κs + ε), the face weights of all schemes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FaceWeights {
+    /// u.
+    pub thickness: f32,
+    /// κ.
+    pub stiffness: f32,
+    /// ε keeps 0/0 at bay where light does not travel along an axis or the cell is empty.
+    pub tiny: f32,
+}
+
+impl FaceWeights {
+    fn new(scheme: SweepScheme) -> Self {
+        let (thickness, stiffness) = match scheme {
+            SweepScheme::Weighted => (1.0, 3.0),
+            SweepScheme::Diamond => (0.0, 1.0),
+            SweepScheme::Step => (1.0, 0.0),
+        };
+        Self { thickness, stiffness, tiny: 1e-20 }
+    }
 }
 
 /// Up to [`GROUP`] directions that travel through the grid in the same order.
@@ -59,7 +84,7 @@ pub struct Sweeper {
     boundary: Boundary,
     groups: Vec<Group>,
     bundles: Bundles,
-    face_weight: f32,
+    weights: FaceWeights,
     face_area: [f64; 3],
     level: SimdLevel,
 }
@@ -100,15 +125,13 @@ pub struct CellCoefficients {
 }
 
 impl Sweeper {
-    /// Plans sweeps through `cloud`'s grid. `theta` in [0, 1] goes from the diamond scheme (0) to the step scheme (1):
-    /// A = 2 / (1 + θ).
-    ///
-    /// Errors: θ outside [0, 1], or a direction set outside its range.
-    pub fn new(cloud: &Cloud, set: Quadrature, theta: f64, level: SimdLevel) -> Result<Self, RuntimeError> {
-        if !(0.0..=1.0).contains(&theta) {
-            return Err(RuntimeError::argument("theta of the sweep", "0 to 1", theta));
-        }
-        let face_weight = 2.0 / (1.0 + theta);
+    /// Plans sweeps through `cloud`'s grid. Errors: a direction set outside its range.
+    pub fn new(
+        cloud: &Cloud,
+        set: Quadrature,
+        scheme: SweepScheme,
+        level: SimdLevel,
+    ) -> Result<Self, RuntimeError> {
         let mut groups = Vec::new();
         let ordinates = set.ordinates()?;
         for octant in 0..8 {
@@ -116,7 +139,7 @@ impl Sweeper {
             // A component of zero goes with the forward octants: it carries nothing either way.
             let belongs = |o: &&Ordinate| (0..3).all(|axis| (o.direction[axis] >= 0.0) == forward[axis]);
             let beams: Vec<Beam> =
-                ordinates.iter().filter(belongs).map(|o| Beam::new(o, cloud.cell_m, face_weight)).collect();
+                ordinates.iter().filter(belongs).map(|o| Beam::new(o, cloud.cell_m)).collect();
             groups.extend(beams.chunks(GROUP).map(|beams| Group { forward, beams: beams.to_vec() }));
         }
         let fullest = (0..8)
@@ -129,9 +152,9 @@ impl Sweeper {
             })
             .max();
         let bundles = match fullest.unwrap_or(0) {
-            0..=4 => Bundles::Four(pairs(&ordinates, cloud.cell_m, face_weight)),
-            5..=8 => Bundles::Eight(pairs(&ordinates, cloud.cell_m, face_weight)),
-            _ => Bundles::Sixteen(pairs(&ordinates, cloud.cell_m, face_weight)),
+            0..=4 => Bundles::Four(pairs(&ordinates, cloud.cell_m)),
+            5..=8 => Bundles::Eight(pairs(&ordinates, cloud.cell_m)),
+            _ => Bundles::Sixteen(pairs(&ordinates, cloud.cell_m)),
         };
         let [hx, hy, hz] = cloud.cell_m;
         Ok(Self {
@@ -139,7 +162,7 @@ impl Sweeper {
             shape: cloud.shape,
             boundary: cloud.boundary,
             groups,
-            face_weight: face_weight as f32,
+            weights: FaceWeights::new(scheme),
             face_area: [hy * hz, hx * hz, hx * hy],
             level,
         })
@@ -199,7 +222,7 @@ impl Sweeper {
         let kernel = SingleKernel {
             shape: self.shape,
             pairs,
-            face_weight: self.face_weight,
+            weights: self.weights,
             face_area: self.face_area,
             cells,
             root_moments,
@@ -213,12 +236,12 @@ impl Sweeper {
 }
 
 impl Beam {
-    fn new(ordinate: &Ordinate, cell_m: [f64; 3], face_weight: f64) -> Self {
+    fn new(ordinate: &Ordinate, cell_m: [f64; 3]) -> Self {
         let sphere = 4.0 * std::f64::consts::PI * ordinate.weight;
         let basis = harmonics(ordinate.direction);
         let speed = ordinate.direction.map(f64::abs);
         Self {
-            coupling: std::array::from_fn(|axis| (face_weight * speed[axis] / cell_m[axis]) as f32),
+            speed: std::array::from_fn(|axis| (speed[axis] / cell_m[axis]) as f32),
             basis: basis.map(|y| y as f32),
             tally: basis.map(|y| (sphere * y) as f32),
             flow: speed.map(|s| sphere * s),
@@ -361,9 +384,8 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
     ) {
         let [nx, ny, _] = self.sweeper.shape.to_array();
         let forward = self.group.forward;
-        let (keep, weight) = (self.sweeper.face_weight - 1.0, self.sweeper.face_weight);
+        let FaceWeights { thickness, stiffness, tiny } = self.sweeper.weights;
         let Ok(beams) = <&[Beam; W]>::try_from(&self.group.beams[..]) else { return };
-        let loss: [f32; W] = std::array::from_fn(|b| beams[b].coupling.iter().sum());
         let (x_faces, _) = buffers.x.as_chunks_mut::<W>();
         let (y_faces, _) = buffers.y.as_chunks_mut::<W>();
         let (z_faces, _) = buffers.z[self.start..].as_chunks_mut::<W>();
@@ -398,16 +420,23 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
                     for m in 1..M {
                         q = q + from[m] * beam.basis[m];
                     }
+                    // A − 1 and A s for the three axes; the same for all lanes.
+                    let thick = thickness * extinction[x] + tiny;
+                    let (mut keep, mut coupling) = ([0.0f32; 3], [0.0f32; 3]);
+                    for axis in 0..3 {
+                        let stiff = stiffness * beam.speed[axis];
+                        keep[axis] = stiff / (thick + stiff);
+                        coupling[axis] = beam.speed[axis] * (1.0 + keep[axis]);
+                    }
                     let (along_y, along_z) = (y_face[b].load(simd), z_face[b].load(simd));
-                    let q = q + along_y * beam.coupling[1] + along_z * beam.coupling[2];
+                    let q = q + along_y * coupling[1] + along_z * coupling[2];
                     // Along x each cell waits for the one before: two operations of that chain, not five.
-                    let inverse = 1.0 / (extinction[x] + loss[b]);
-                    let psi = (q + along_x[b] * beam.coupling[0]) * inverse;
-                    let made = weight * inverse;
-                    along_x[b] = q * made + along_x[b] * (made * beam.coupling[0] - keep);
-                    let out = psi * weight;
-                    y_face[b] = P::store(out - along_y * keep);
-                    z_face[b] = P::store(out - along_z * keep);
+                    let inverse = 1.0 / (extinction[x] + coupling[0] + coupling[1] + coupling[2]);
+                    let psi = (q + along_x[b] * coupling[0]) * inverse;
+                    let made = (1.0 + keep[0]) * inverse;
+                    along_x[b] = q * made + along_x[b] * (made * coupling[0] - keep[0]);
+                    y_face[b] = P::store(psi * (1.0 + keep[1]) - along_y * keep[1]);
+                    z_face[b] = P::store(psi * (1.0 + keep[2]) - along_z * keep[2]);
                     if TALLY {
                         for m in 0..O {
                             sums[m] = sums[m] + psi * beam.tally[m];

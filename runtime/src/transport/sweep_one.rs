@@ -5,7 +5,7 @@
 
 use super::lanes::{Kernel, Lanes};
 use super::quadrature::Ordinate;
-use super::sweep::{CellCoefficients, Faces, Leak};
+use super::sweep::{CellCoefficients, FaceWeights, Faces, Leak};
 use fearless_simd::Simd;
 use squall_formats::GridShape;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
@@ -21,8 +21,8 @@ pub(super) struct Pair<D> {
 
 #[derive(Clone, Debug)]
 struct Bundle<D> {
-    coupling: [D; 3],
-    loss: D,
+    /// |Ω|/h along x, y, z, 1/m.
+    speed: [D; 3],
     basis: [D; MAX_HARMONICS],
     /// Per lane, the factor of each moment.
     tally: [[f32; MAX_HARMONICS]; 16],
@@ -30,17 +30,15 @@ struct Bundle<D> {
 }
 
 impl<D: Lanes> Bundle<D> {
-    fn new(ordinates: &[Ordinate], cell_m: [f64; 3], face_weight: f64) -> Self {
+    fn new(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Self {
         // Lanes without a direction of their own repeat the first and count nothing.
         let of = |lane: usize| ordinates.get(lane).unwrap_or(&ordinates[0]);
         let weight = |lane: usize| {
             4.0 * std::f64::consts::PI * ordinates.get(lane).map_or(0.0, |ordinate| ordinate.weight)
         };
         let speed = |lane: usize, axis: usize| of(lane).direction[axis].abs();
-        let coupling = |lane: usize, axis: usize| (face_weight * speed(lane, axis) / cell_m[axis]) as f32;
         Self {
-            coupling: std::array::from_fn(|axis| D::from_fn(|lane| coupling(lane, axis))),
-            loss: D::from_fn(|lane| coupling(lane, 0) + coupling(lane, 1) + coupling(lane, 2)),
+            speed: std::array::from_fn(|axis| D::from_fn(|lane| (speed(lane, axis) / cell_m[axis]) as f32)),
             basis: std::array::from_fn(|m| D::from_fn(|lane| harmonics(of(lane).direction)[m] as f32)),
             tally: std::array::from_fn(|lane| {
                 harmonics(of(lane).direction).map(|y| (weight(lane) * y) as f32)
@@ -51,7 +49,7 @@ impl<D: Lanes> Bundle<D> {
 }
 
 /// Sorts directions into pairs of bundles of at most `D::COUNT`.
-pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3], face_weight: f64) -> Vec<Pair<D>> {
+pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<Pair<D>> {
     let mut pairs = Vec::new();
     for (up_y, up_z) in [(true, true), (false, true), (true, false), (false, false)] {
         let belongs = |o: &&Ordinate| (o.direction[1] >= 0.0) == up_y && (o.direction[2] >= 0.0) == up_z;
@@ -70,7 +68,7 @@ pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3], face_wei
             };
             pairs.push(Pair {
                 forward: [up_y, up_z],
-                bundles: [part(&right), part(&left)].map(|list| Bundle::new(&list, cell_m, face_weight)),
+                bundles: [part(&right), part(&left)].map(|list| Bundle::new(&list, cell_m)),
             });
         }
     }
@@ -80,7 +78,7 @@ pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3], face_wei
 pub(super) struct SingleKernel<'a, D, const M: usize, const O: usize> {
     pub shape: GridShape,
     pub pairs: &'a [Pair<D>],
-    pub face_weight: f32,
+    pub weights: FaceWeights,
     pub face_area: [f64; 3],
     pub cells: &'a CellCoefficients,
     pub root_moments: [f32; 4],
@@ -97,7 +95,7 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
     fn run<S: Simd>(mut self, simd: S) {
         let [nx, ny, nz] = self.shape.to_array();
         let factors: [f32; M] = std::array::from_fn(|m| self.root_moments[degree_of(m)]);
-        let (weight, keep) = (self.face_weight, self.face_weight - 1.0);
+        let FaceWeights { thickness, stiffness, tiny } = self.weights;
         let dark = D::splat(0.0);
         self.result.fill([0.0; O]);
         for pair in self.pairs {
@@ -125,25 +123,30 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
                         let at = [step, nx - 1 - step];
                         for side in 0..2 {
                             let (x, bundle) = (at[side], &pair.bundles[side]);
-                            let [c0, c1, c2] = bundle.coupling;
-                            let coupling = [c0.load(simd), c1.load(simd), c2.load(simd)];
                             let from = |m: usize| source[x][m] * (root[x] * factors[m]);
                             let mut q = bundle.basis[0].load(simd) * from(0);
                             for m in 1..M {
                                 q = q + bundle.basis[m].load(simd) * from(m);
                             }
+                            // A − 1 and A s for the three axes.
+                            let thick = D::splat(thickness * extinction[x] + tiny).load(simd);
+                            let (mut keep, mut coupling) = ([thick; 3], [thick; 3]);
+                            for axis in 0..3 {
+                                let speed = bundle.speed[axis].load(simd);
+                                let stiff = speed * stiffness;
+                                keep[axis] = stiff * D::reciprocal(simd, thick + stiff);
+                                coupling[axis] = speed + speed * keep[axis];
+                            }
                             let along_y = y_faces[x][side].load(simd);
                             let along_z = z_faces[x][side].load(simd);
                             let q = q + along_y * coupling[1] + along_z * coupling[2];
-                            let extinction = D::splat(extinction[x]).load(simd);
-                            let inverse = D::reciprocal(simd, extinction + bundle.loss.load(simd));
+                            let loss = D::splat(extinction[x]).load(simd);
+                            let inverse = D::reciprocal(simd, loss + coupling[0] + coupling[1] + coupling[2]);
                             let psi = (q + along_x[side] * coupling[0]) * inverse;
-                            let made = inverse * weight;
-                            let passed = made * coupling[0] - D::splat(keep).load(simd);
-                            along_x[side] = q * made + along_x[side] * passed;
-                            let out = psi * weight;
-                            y_faces[x][side] = D::store(out - along_y * keep);
-                            z_faces[x][side] = D::store(out - along_z * keep);
+                            let made = inverse + inverse * keep[0];
+                            along_x[side] = q * made + along_x[side] * (made * coupling[0] - keep[0]);
+                            y_faces[x][side] = D::store(psi + (psi - along_y) * keep[1]);
+                            z_faces[x][side] = D::store(psi + (psi - along_z) * keep[2]);
                             let psi = D::store(psi);
                             let mut sums = result[x];
                             for lane in 0..D::COUNT {
