@@ -4,6 +4,7 @@
 //! verb `solve_`, what fills a table under `bake_`; reading it is the runtime's, under `lookup_`.
 #![forbid(unsafe_code)]
 
+pub mod density;
 pub mod error;
 pub mod output;
 

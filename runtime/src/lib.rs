@@ -7,6 +7,7 @@
 
 mod audited;
 pub mod camera;
+pub mod density;
 pub mod error;
 pub mod load;
 pub mod picture;
