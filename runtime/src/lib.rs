@@ -8,9 +8,13 @@
 mod audited;
 pub mod camera;
 pub mod density;
+pub mod depth;
 pub mod error;
 pub mod load;
+pub mod medium;
+pub mod phase;
 pub mod picture;
+pub mod rain;
 pub mod random;
 
 pub use error::RuntimeError;

@@ -274,7 +274,7 @@ impl DensitySection {
         }
         for pair in self.rates.windows(2) {
             // Well apart: the weights divide by the difference of their logarithms.
-            if !(pair[1].0 > pair[0].0 * (1.0 + 1e-6)) {
+            if !(1.0 + 1e-6..f64::INFINITY).contains(&(pair[1].0 / pair[0].0)) {
                 return invalid("rate nodes", "ascending rates", format!("{} then {}", pair[0].0, pair[1].0));
             }
         }
