@@ -6,6 +6,7 @@
 
 pub mod cloud;
 pub mod compress;
+pub mod density;
 pub mod error;
 pub mod input;
 pub mod output;

@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 pub mod container;
+pub mod drops;
 pub mod error;
 pub mod grid;
 pub mod haar;

@@ -2,6 +2,7 @@
 
 pub mod bolt;
 pub mod cloud;
+pub mod density;
 pub mod provenance;
 pub mod response;
 
@@ -30,6 +31,7 @@ impl std::fmt::Debug for Tag {
 pub const KNOWN: &[Tag] = &[
     bolt::BoltSection::TAG,
     cloud::CloudSection::TAG,
+    density::DensitySection::TAG,
     response::ResponseSection::TAG,
     provenance::ProvenanceSection::TAG,
 ];

@@ -62,6 +62,22 @@ pub struct Projected {
     pub depth: f64,
 }
 
+/// A camera's secants, by pixel; see [`Camera::secants`].
+#[derive(Clone, Copy, Debug)]
+pub struct Secants {
+    half: DVec2,
+    step: DVec2,
+}
+
+impl Secants {
+    /// Metres along the ray through pixel coordinates (x, y) per metre of planar depth: 1/cos of the ray's
+    /// angle to the view, and 1 for an orthographic camera.
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let across = DVec2::new(x, y) * self.step - self.half;
+        (1.0 + across.length_squared()).sqrt()
+    }
+}
+
 impl Camera {
     /// A camera at `position` that looks along `direction`, upright with respect to `up`.
     ///
@@ -135,6 +151,23 @@ impl Camera {
         f64::from(self.height) / (2.0 * self.half_extent().y)
     }
 
+    /// The part of a ray that one asks for pixel after pixel, with its trigonometry done.
+    pub fn secants(&self) -> Secants {
+        let half = match self.projection {
+            Projection::Perspective { .. } => self.half_extent(),
+            Projection::Orthographic { .. } => DVec2::ZERO,
+        };
+        let step = half * 2.0 / DVec2::new(f64::from(self.width), f64::from(self.height));
+        Secants { half, step }
+    }
+
+    /// [`Camera::ray`] of a perspective camera, for pixel after pixel.
+    pub fn ray_with(&self, secants: &Secants, x: f64, y: f64) -> Ray {
+        let across = DVec2::new(x, y) * secants.step - secants.half;
+        let direction = (self.forward + self.right * across.x - self.up * across.y).normalize();
+        Ray { origin: self.position, direction }
+    }
+
     /// The ray through pixel coordinates (x, y).
     pub fn ray(&self, x: f64, y: f64) -> Ray {
         let half = self.half_extent();
@@ -194,6 +227,18 @@ mod tests {
                 assert!((landed.pixel - DVec2::new(x, y)).length() < ROUND_OFF_PX);
             }
         }
+    }
+
+    #[test]
+    fn a_secant_is_range_over_depth() {
+        let perspective = camera(Projection::Perspective { vertical_fov: Radians(1.0) });
+        let ray = perspective.ray(17.0, 400.0);
+        let secant = perspective.secants().at(17.0, 400.0);
+        assert!((secant * ray.direction.dot(perspective.forward) - 1.0).abs() < 1e-14);
+        let again = perspective.ray_with(&perspective.secants(), 17.0, 400.0);
+        assert!((again.direction - ray.direction).length() < 1e-15);
+        let parallel = camera(Projection::Orthographic { half_width: 40.0, half_height: 30.0 });
+        assert_eq!(parallel.secants().at(17.0, 400.0), 1.0);
     }
 
     #[test]

@@ -7,12 +7,16 @@
 
 mod audited;
 pub mod camera;
+pub mod density;
+pub mod depth;
 pub mod error;
 pub mod flash;
 pub mod load;
 pub mod math;
+pub mod medium;
 pub mod phase;
 pub mod picture;
+pub mod rain;
 pub mod random;
 pub mod relight;
 pub mod shade;

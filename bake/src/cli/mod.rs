@@ -1,5 +1,6 @@
 //! One file per subcommand; no mathematics in any of them.
 
+mod query;
 mod solve;
 
 use squall_bake::BakeError;
@@ -16,12 +17,14 @@ pub struct Cli {
 #[derive(clap::Subcommand)]
 enum Command {
     Solve(solve::Args),
+    Query(query::Args),
 }
 
 /// Runs the chosen subcommand.
 pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Solve(args) => solve::run(args),
+        Command::Query(args) => query::run(args),
     }
 }
 

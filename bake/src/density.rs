@@ -1,0 +1,411 @@
+//! Density tables: streaks per class of drops for every rate and camera, [weber] eq. 5 corrected.
+//!
+//! `solve_counts` is the slow truth: quadrature over the diameters of a class, each with its own distances
+//! and frustum volume. `bake_density` fills the table whose moments replace that, and picks the number of
+//! rate nodes by the error that it measures between them, lookup against solve.
+//!
+//! | symbol | name       | unit        |
+//! | R      | `rate`     | mm/h        |
+//! | D      | `diameter` | mm          |
+//! | N      | `number`   | 1/(m³ mm)   |
+//! | L      | length of a streak before projection | m |
+
+use crate::error::BakeError;
+use squall_formats::drops::{self, View, paper};
+use squall_formats::section::density::{Class, DensitySection, MOMENTS, Mode, Ranges, Table};
+use squall_formats::units::{Degrees, MetresPerSecond, Millimetres, MillimetresPerHour, Radians, Seconds};
+use squall_runtime::RuntimeError;
+use squall_runtime::density::{check_view, lookup_counts};
+
+/// What a density table is asked to cover, and how well.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DensitySpec {
+    /// Ranges in which the table must hold.
+    pub ranges: Ranges,
+    /// Smallest and largest diameter of the default mode's classes; from 0.1 mm.
+    pub diameter: [Millimetres; 2],
+    /// Number of default classes, 1 to 64, equal in the logarithm of the diameter.
+    pub classes: usize,
+    /// Largest relative error of any class's count, against quadrature.
+    pub relative_error: f64,
+}
+
+impl Default for DensitySpec {
+    /// Rain of 0.1 to 200 mm/h, fov 20 to 140°, exposures of 1 to 33 ms, streaks of 10 to 200 px; 16 classes.
+    fn default() -> Self {
+        Self {
+            ranges: Ranges {
+                rate: [MillimetresPerHour(0.1), MillimetresPerHour(200.0)],
+                vertical_fov: [Degrees(20.0), Degrees(140.0)],
+                exposure: [Seconds(0.001), Seconds(0.033)],
+                length_px: [10.0, 200.0],
+            },
+            diameter: drops::DEFAULT_DIAMETERS,
+            classes: 16,
+            relative_error: 1e-5,
+        }
+    }
+}
+
+/// Rates outside these have no rain in them: Λ⁻¹ leaves the drops' scale and moments leave a double's range.
+const RATE_LIMITS: [f64; 2] = [1e-3, 1e3];
+/// Diameters outside these are mist, or break up as they fall.
+const DIAMETER_LIMITS: [f64; 2] = [0.1, 12.0];
+/// Lattice cells hold this many drops at most at the table's largest rate: enough that a cell's own cost is
+/// spread over several drops, few enough that cells outside the frustum cost little.
+const DROPS_PER_CELL: f64 = 48.0;
+/// Nodes tried, in this order; each about √2 of the one before.
+const NODE_COUNTS: [usize; 16] = [4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768];
+/// Gauss points for each of four pieces of a class; more change nothing, see the tests.
+const GAUSS_POINTS: usize = 24;
+/// Rates between two nodes at which the error is measured.
+const PROBES: usize = 8;
+
+/// Counts of one class of `mode` by direct quadrature, one per class in `classes`: ∫ V(L(D, T)) N(D, R) dD
+/// with V the volume between the distances at which a streak of D has `max_px` and `min_px` pixels.
+///
+/// Error: round-off; [`GAUSS_POINTS`] points for each of four pieces of a class. Errors: an impossible view or rate.
+pub fn solve_counts(
+    mode: Mode,
+    classes: &[[Millimetres; 2]],
+    view: &View,
+    rate: MillimetresPerHour,
+) -> Result<Vec<f64>, BakeError> {
+    check_view(view)?;
+    if !(rate.0 > 0.0 && rate.0.is_finite()) {
+        return Err(RuntimeError::argument("rate", "a positive rainfall in mm/h", rate.0).into());
+    }
+    let volume = |diameter: f64, speed: fn(Millimetres) -> MetresPerSecond| {
+        let diameter = Millimetres(diameter);
+        view.shell_volume(drops::streak_length(diameter, speed(diameter), view.exposure))
+    };
+    let gauss = GaussRule::new(GAUSS_POINTS);
+    let slope = drops::slope(rate);
+    let count = |[from, to]: [Millimetres; 2]| match mode {
+        Mode::Default => {
+            gauss.over_class(from, to, |d| volume(d, drops::fall_speed) * drops::density_at(d, slope))
+        }
+        Mode::PaperExact => volume(from.0, paper::fall_speed) * drops::drops_per_volume(from, to, rate),
+        Mode::Paper => volume(from.0, paper::fall_speed) * paper::drops_per_volume(from, to, rate),
+    };
+    Ok(classes.iter().map(|&class| count(class)).collect())
+}
+
+/// Fills a density table: the fewest rate nodes whose measured error is within the budget.
+///
+/// Errors: a range that makes no sense, or a budget below what round-off allows.
+pub fn bake_density(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
+    check_spec(spec)?;
+    let mut best = f64::INFINITY;
+    for nodes in NODE_COUNTS {
+        let mut section = fill_section(spec, nodes);
+        section.measured_error = measure_error(&section)?;
+        if section.measured_error <= spec.relative_error {
+            return Ok(section);
+        }
+        // Four-point interpolation gains a factor of four from √2 times the nodes until round-off rules.
+        if section.measured_error > 0.7 * best {
+            break;
+        }
+        best = section.measured_error;
+    }
+    Err(BakeError::NotReached {
+        what: "rain density table".into(),
+        wanted: format!("relative error {:e}", spec.relative_error),
+        reached: format!("{best:e}"),
+        hint: "narrow the range of rates, or use more classes".into(),
+    })
+}
+
+/// The classes that `mode` counts in, by ascending diameter.
+pub fn classes_of(spec: &DensitySpec, mode: Mode) -> Vec<[Millimetres; 2]> {
+    match mode {
+        Mode::Default => drops::log_classes(spec.diameter[0], spec.diameter[1], spec.classes),
+        Mode::PaperExact | Mode::Paper => paper::CLASSES.to_vec(),
+    }
+}
+
+fn check_spec(spec: &DensitySpec) -> Result<(), BakeError> {
+    let within = |field, [low, high]: [f64; 2], [least, most]: [f64; 2], unit: &str| {
+        if least <= low && low < high && high <= most {
+            return Ok(());
+        }
+        let wanted = format!("low < high within {least} to {most} {unit}");
+        Err(RuntimeError::argument(field, wanted, format!("{low} to {high}")))
+    };
+    let ranges = &spec.ranges;
+    within("density.rate", ranges.rate.map(|r| r.0), RATE_LIMITS, "mm/h")?;
+    within("density.fov", ranges.vertical_fov.map(|v| v.0), [1.0, 179.0], "degrees")?;
+    within("density.exposure", ranges.exposure.map(|t| t.0), [1e-6, 1.0], "s")?;
+    within("density.length", ranges.length_px, [1.0, 1e4], "px")?;
+    within("density.diameter", spec.diameter.map(|d| d.0), DIAMETER_LIMITS, "mm")?;
+    if !(1..=64).contains(&spec.classes) {
+        return Err(RuntimeError::argument("density.classes", "1 to 64", spec.classes).into());
+    }
+    // Below, round-off of quadrature and logarithms takes over.
+    if !(1e-9..1.0).contains(&spec.relative_error) {
+        let found = spec.relative_error;
+        return Err(RuntimeError::argument("density.relative_error", "1e-9 to 1", found).into());
+    }
+    Ok(())
+}
+
+/// A table with `nodes` rates, equally spaced in ln R, along which what is stored is nearly straight.
+fn fill_section(spec: &DensitySpec, nodes: usize) -> DensitySection {
+    let [low, high] = spec.ranges.rate;
+    let ratio = libm::log(high.0 / low.0);
+    let rates: Vec<_> = (0..nodes)
+        .map(|i| match i {
+            0 => low,
+            i if i == nodes - 1 => high,
+            i => MillimetresPerHour(low.0 * libm::exp(ratio * i as f64 / (nodes - 1) as f64)),
+        })
+        .collect();
+    let tables = Mode::ALL.map(|mode| fill_table(spec, mode, &rates)).to_vec();
+    DensitySection {
+        ranges: spec.ranges,
+        asked_error: spec.relative_error,
+        measured_error: f64::INFINITY,
+        rates,
+        tables,
+    }
+}
+
+fn fill_table(spec: &DensitySpec, mode: Mode, rates: &[MillimetresPerHour]) -> Table {
+    let edges = classes_of(spec, mode);
+    let gauss = GaussRule::new(GAUSS_POINTS);
+    let mut log_moments = Vec::with_capacity(rates.len() * edges.len() * MOMENTS);
+    for &rate in rates {
+        for &class in &edges {
+            let edge_factor = drops::slope(rate) * class[0].0;
+            let moments = solve_moments(&gauss, mode, class, rate);
+            log_moments.extend(moments.map(|moment| libm::log(moment) + edge_factor));
+        }
+    }
+    let largest = spec.ranges.rate[1];
+    let classes = edges.into_iter().map(|edges| fixed_class(mode, edges, largest)).collect();
+    Table { mode, classes, log_moments }
+}
+
+/// n, A, M_0 … M_3 of one class; see the section's own table for the symbols.
+fn solve_moments(
+    gauss: &GaussRule,
+    mode: Mode,
+    [from, to]: [Millimetres; 2],
+    rate: MillimetresPerHour,
+) -> [f64; MOMENTS] {
+    let weights = |diameter: f64, speed: f64| {
+        let metres = diameter / 1000.0;
+        let (d2, v2) = (metres * metres, speed * speed);
+        [1.0, diameter * diameter, d2 * metres, d2 * speed, metres * v2, v2 * speed]
+    };
+    let at_left_edge = |number: f64| weights(from.0, paper::fall_speed(from).0).map(|w| w * number);
+    let slope = drops::slope(rate);
+    match mode {
+        Mode::Default => std::array::from_fn(|i| {
+            gauss.over_class(from, to, |d| {
+                drops::density_at(d, slope) * weights(d, drops::fall_speed(Millimetres(d)).0)[i]
+            })
+        }),
+        Mode::PaperExact => at_left_edge(drops::drops_per_volume(from, to, rate)),
+        Mode::Paper => at_left_edge(paper::drops_per_volume(from, to, rate)),
+    }
+}
+
+/// What must not change with rate, exposure or field of view: the drop that stands for the class, its
+/// speed, and the largest power-of-two cell that stays within [`DROPS_PER_CELL`].
+fn fixed_class(mode: Mode, diameter: [Millimetres; 2], largest: MillimetresPerHour) -> Class {
+    let [from, to] = diameter;
+    let (representative, fall_speed) = match mode {
+        Mode::Default => {
+            let middle = Millimetres((from.0 * to.0).sqrt());
+            (middle, drops::fall_speed(middle))
+        }
+        Mode::PaperExact | Mode::Paper => (from, paper::fall_speed(from)),
+    };
+    let mut class = Class { diameter, representative, fall_speed, edge_log2: 2 };
+    while class.edge_log2 > -4 && class.candidates_per_cell(largest) > DROPS_PER_CELL {
+        class.edge_log2 -= 1;
+    }
+    class
+}
+
+/// Largest relative error of a class's count between the nodes, over the corners of the ranges that matter:
+/// both ends of the exposure (fov, height, aspect and lengths only scale a count, alike in both).
+fn measure_error(section: &DensitySection) -> Result<f64, BakeError> {
+    let [narrow, wide] = section.ranges.vertical_fov.map(Radians::from);
+    let [short, long] = section.ranges.exposure;
+    let [min_px, max_px] = section.ranges.length_px;
+    let view = |vertical_fov, exposure| View {
+        vertical_fov,
+        height_px: 1080.0,
+        aspect: 16.0 / 9.0,
+        exposure,
+        min_px,
+        max_px,
+    };
+    let mut worst = 0.0_f64;
+    for pair in section.rates.windows(2) {
+        for probe in 0..PROBES {
+            let share = (probe as f64 + 0.5) / PROBES as f64;
+            let rate = MillimetresPerHour(pair[0].0 * libm::exp(share * libm::log(pair[1].0 / pair[0].0)));
+            for view in [view(narrow, short), view(wide, long)] {
+                for mode in Mode::ALL {
+                    let table = section.table(mode);
+                    let edges: Vec<_> = table.classes.iter().map(|class| class.diameter).collect();
+                    let exact = solve_counts(mode, &edges, &view, rate)?;
+                    let found = lookup_counts(section, mode, &view, rate)?;
+                    for (found, exact) in found.iter().zip(&exact) {
+                        worst = worst.max((found / exact - 1.0).abs());
+                    }
+                }
+            }
+        }
+    }
+    Ok(worst)
+}
+
+/// Gauss and Legendre's rule on [−1, 1].
+struct GaussRule {
+    points: Vec<[f64; 2]>,
+}
+
+impl GaussRule {
+    /// `count` points and weights, by Newton's method on the Legendre polynomial.
+    fn new(count: usize) -> Self {
+        let point = |i: usize| {
+            let mut x = libm::cos(std::f64::consts::PI * (i as f64 + 0.75) / (count as f64 + 0.5));
+            let mut slope = 1.0;
+            for _ in 0..100 {
+                let (mut previous, mut value) = (1.0, x);
+                for n in 2..=count {
+                    let n = n as f64;
+                    (previous, value) = (value, ((2.0 * n - 1.0) * x * value - (n - 1.0) * previous) / n);
+                }
+                slope = count as f64 * (x * value - previous) / (x * x - 1.0);
+                let step = value / slope;
+                x -= step;
+                if step.abs() < 1e-15 {
+                    break;
+                }
+            }
+            [x, 2.0 / ((1.0 - x * x) * slope * slope)]
+        };
+        Self { points: (0..count).map(point).collect() }
+    }
+
+    fn over(&self, from: f64, to: f64, f: &impl Fn(f64) -> f64) -> f64 {
+        let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
+        self.points.iter().map(|[x, weight]| weight * f(middle + half * x)).sum::<f64>() * half
+    }
+
+    /// ∫ f dD over a class: in two where the fall speed jumps inside it, and each in pieces short enough
+    /// that one class over all diameters keeps every digit too.
+    fn over_class(&self, from: Millimetres, to: Millimetres, f: impl Fn(f64) -> f64) -> f64 {
+        let cut = drops::BEST_BELOW.0.clamp(from.0, to.0);
+        [[from.0, cut], [cut, to.0]]
+            .iter()
+            .filter(|[low, high]| low < high)
+            .flat_map(|&[low, high]| drops::log_classes(Millimetres(low), Millimetres(high), 4))
+            .map(|[low, high]| self.over(low.0, high.0, &f))
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(fov: f64, exposure_ms: f64, min_px: f64) -> View {
+        View {
+            vertical_fov: Degrees(fov).into(),
+            height_px: 1080.0,
+            aspect: 16.0 / 9.0,
+            exposure: Seconds(exposure_ms / 1e3),
+            min_px,
+            max_px: 200.0,
+        }
+    }
+
+    fn total(mode: Mode, rate: f64, view: View) -> f64 {
+        let classes = classes_of(&DensitySpec::default(), mode);
+        solve_counts(mode, &classes, &view, MillimetresPerHour(rate)).unwrap().iter().sum()
+    }
+
+    #[test]
+    fn gauss_points_integrate_polynomials_and_exponentials_to_round_off() {
+        let rule = GaussRule::new(GAUSS_POINTS);
+        let exact = (1.0 - libm::exp(-9.0)) / 3.0;
+        let found = rule.over(0.0, 3.0, &|x| libm::exp(-3.0 * x));
+        assert!((found / exact - 1.0).abs() < 1e-14);
+        assert!((rule.over(-1.0, 2.0, &|x| x * x * x * x) - 6.6).abs() < 1e-13);
+    }
+
+    #[test]
+    fn twice_the_gauss_points_change_nothing_even_for_one_class_of_all_sizes() {
+        let [from, to] = [Millimetres(0.1), Millimetres(12.0)];
+        for rate in [1e-3, 0.1, 200.0].map(MillimetresPerHour) {
+            let integrand = |d| {
+                let diameter = Millimetres(d);
+                let speed = drops::fall_speed(diameter).0;
+                drops::number_density(diameter, rate) * speed * speed * speed
+            };
+            let [some, more] =
+                [GAUSS_POINTS, 2 * GAUSS_POINTS].map(|n| GaussRule::new(n).over_class(from, to, integrand));
+            assert!((some / more - 1.0).abs() < 1e-13, "{rate:?}: {some} {more}");
+        }
+    }
+
+    #[test]
+    fn quadrature_reproduces_the_corrected_and_the_printed_counts() {
+        let counts =
+            |mode| [2.0, 25.0, 50.0, 75.0].map(|rate| total(mode, rate, view(120.0, 20.0, 30.0)).round());
+        assert_eq!(counts(Mode::PaperExact), [1090.0, 5184.0, 7646.0, 9558.0]);
+        assert_eq!(counts(Mode::Paper), [2515.0, 11315.0, 16291.0, 20049.0]);
+        assert_eq!(counts(Mode::Default), [1012.0, 6690.0, 10630.0, 13802.0]);
+    }
+
+    #[test]
+    fn a_loose_budget_takes_few_nodes_and_a_tight_one_more_and_both_hold() {
+        let bake =
+            |relative_error| bake_density(&DensitySpec { relative_error, ..Default::default() }).unwrap();
+        let [loose, tight] = [5e-3, 1e-7].map(bake);
+        assert!(loose.rates.len() < tight.rates.len());
+        for section in [loose, tight] {
+            assert!(section.measured_error <= section.asked_error);
+            let read = DensitySection::read(&section.write(), 1, &Default::default()).unwrap();
+            assert_eq!(read, section);
+        }
+    }
+
+    #[test]
+    fn classes_down_to_mist_have_positive_speeds_and_hold_their_budget() {
+        let diameter = [Millimetres(0.1), Millimetres(10.0)];
+        for classes in [1, 8] {
+            let spec = DensitySpec { diameter, classes, ..Default::default() };
+            let section = bake_density(&spec).unwrap();
+            assert!(section.table(Mode::Default).classes.iter().all(|class| class.fall_speed.0 > 0.0));
+            DensitySection::read(&section.write(), 1, &Default::default()).unwrap();
+        }
+    }
+
+    #[test]
+    fn an_unreachable_budget_or_a_senseless_range_is_refused() {
+        let spec = DensitySpec { relative_error: 1e-17, ..Default::default() };
+        assert!(bake_density(&spec).unwrap_err().to_string().contains("relative_error"));
+        let mut spec = DensitySpec::default();
+        spec.ranges.rate[0].0 = 300.0;
+        assert!(bake_density(&spec).unwrap_err().to_string().contains("density.rate"));
+        let spec = DensitySpec { classes: 0, ..Default::default() };
+        assert!(bake_density(&spec).is_err());
+        let classes = classes_of(&DensitySpec::default(), Mode::Default);
+        let nan = MillimetresPerHour(f64::NAN);
+        assert!(solve_counts(Mode::Default, &classes, &view(60.0, 20.0, 30.0), nan).is_err());
+    }
+
+    #[test]
+    fn baking_twice_gives_the_same_bytes() {
+        let bytes = || bake_density(&DensitySpec::default()).unwrap().write();
+        assert_eq!(bytes(), bytes());
+    }
+}

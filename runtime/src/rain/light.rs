@@ -1,0 +1,125 @@
+//! What light a drop sends to the camera.
+
+use crate::camera::Ray;
+use crate::phase::henyey_greenstein;
+use crate::picture::Picture;
+use glam::DVec3;
+use squall_formats::drops::Optics;
+
+/// Answers what radiance a drop shows. Closures of the same shape are lights too.
+pub trait Light: Sync {
+    /// Radiance of a drop at `distance` metres along the camera's ray, W/(m² sr) per channel.
+    fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3];
+}
+
+impl<F: Fn(&Ray, f64) -> [f32; 3] + Sync> Light for F {
+    fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
+        self(ray, distance)
+    }
+}
+
+/// A scene in three radiances and a flash.
+///
+/// A drop is a strong, upside-down wide-angle lens: half of its disc shows what lies within 25° of the line of
+/// sight, 80 % what lies within 45°, the rim what lies beyond. This environment keeps of that what a streak
+/// shows after blurring: a level view mixes the scene behind the drop with sky and ground, a view up or down
+/// sees nothing but sky or ground.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Environment {
+    /// Radiance from above the horizon, W/(m² sr).
+    pub above: [f32; 3],
+    /// Radiance from below it, W/(m² sr).
+    pub below: [f32; 3],
+    /// Radiance of what stands around the horizon, behind the rain, W/(m² sr).
+    pub behind: [f32; 3],
+    /// Irradiance of a flash or the sun across its beam, W/m².
+    pub flash_irradiance: [f32; 3],
+    /// Unit vector in which the flash's light travels.
+    pub flash_direction: DVec3,
+}
+
+impl Environment {
+    /// Share of a level streak that shows what stands around the horizon; the rest is half sky, half ground.
+    const HORIZON_SHARE: f64 = 0.4;
+
+    /// A guess from the picture that it will rain on: the means of its top third, its bottom third and the
+    /// whole. No flash.
+    pub fn from_picture(picture: &Picture) -> Self {
+        let mean = |rows: std::ops::Range<usize>| {
+            let pixels = &picture.pixels[rows.start * picture.width..rows.end * picture.width];
+            let mut sum = [0.0f64; 3];
+            for pixel in pixels {
+                for channel in 0..3 {
+                    // Holes and infinities of somebody's frame must not spread over all the rain.
+                    sum[channel] += if pixel[channel].is_finite() { f64::from(pixel[channel]) } else { 0.0 };
+                }
+            }
+            sum.map(|value| (value / pixels.len().max(1) as f64) as f32)
+        };
+        let third = picture.height.div_ceil(3);
+        Self {
+            above: mean(0..third),
+            below: mean(picture.height - third..picture.height),
+            behind: mean(0..picture.height),
+            ..Self::default()
+        }
+    }
+}
+
+impl Light for Environment {
+    fn radiance(&self, ray: &Ray, _distance: f64) -> [f32; 3] {
+        let rise = ray.direction.z.clamp(-1.0, 1.0);
+        let horizon = Self::HORIZON_SHARE * (1.0 - rise * rise);
+        let above = 0.5 * (1.0 + rise) * (1.0 - horizon);
+        let below = 0.5 * (1.0 - rise) * (1.0 - horizon);
+        // A drop scatters E π D²/4 p(θ) per steradian out of its disc of π D²/4.
+        let flash = if self.flash_irradiance == [0.0; 3] {
+            0.0
+        } else {
+            henyey_greenstein(Optics::GEOMETRIC.asymmetry, -ray.direction.dot(self.flash_direction))
+        };
+        std::array::from_fn(|i| {
+            (above * f64::from(self.above[i])
+                + below * f64::from(self.below[i])
+                + horizon * f64::from(self.behind[i])
+                + flash * f64::from(self.flash_irradiance[i])) as f32
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn look(environment: &Environment, direction: DVec3) -> f32 {
+        environment.radiance(&Ray { origin: DVec3::ZERO, direction }, 1.0)[0]
+    }
+
+    #[test]
+    fn in_an_even_scene_drops_are_invisible() {
+        let even = Environment { above: [2.0; 3], below: [2.0; 3], behind: [2.0; 3], ..Default::default() };
+        for direction in [DVec3::X, DVec3::Z, -DVec3::Z, DVec3::new(0.6, 0.0, 0.8)] {
+            assert!((look(&even, direction) - 2.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn looking_up_shows_sky_alone_and_a_flash_is_brightest_against_the_light() {
+        let scene = Environment { above: [3.0; 3], below: [1.0; 3], behind: [0.5; 3], ..Default::default() };
+        assert_eq!(look(&scene, DVec3::Z), 3.0);
+        assert_eq!(look(&scene, -DVec3::Z), 1.0);
+        let flash =
+            Environment { flash_irradiance: [1.0; 3], flash_direction: DVec3::X, ..Default::default() };
+        assert!(look(&flash, -DVec3::X) > 10.0 * look(&flash, DVec3::X));
+    }
+
+    #[test]
+    fn a_guess_takes_thirds_and_skips_holes() {
+        let mut picture = Picture::new(2, 6).unwrap();
+        picture.pixels[..4].fill([4.0; 3]);
+        picture.pixels[8..].fill([1.0; 3]);
+        picture.pixels[11] = [f32::NAN; 3];
+        let guess = Environment::from_picture(&picture);
+        assert_eq!((guess.above[0], guess.below[0]), (4.0, 0.75));
+    }
+}

@@ -1,0 +1,389 @@
+//! Draws streaks: into bands of rows, band by band and tile by tile, so that a pixel is written by one thread
+//! and sees its streaks in the order of the list.
+
+use super::{Footprint, Kernel, Light, Shot, Streak, Workspace};
+use crate::camera::{Camera, Secants};
+use crate::depth::DepthBuffer;
+use crate::error::RuntimeError;
+use crate::picture::Picture;
+
+/// Tile width and height, px: the accumulators of one tile fit a core's own cache, and a streak of a hundred
+/// pixels crosses few of them.
+const TILE: [usize; 2] = [64, 32];
+const TILE_PIXELS: usize = TILE[0] * TILE[1];
+
+/// What streaks are drawn with and into.
+pub struct Scene<'a, K, L> {
+    /// Depth of the scene; `None` is open sky.
+    pub depth: Option<DepthBuffer<'a>>,
+    /// How a streak lies on pixels.
+    pub kernel: &'a K,
+    /// What light drops send to the camera.
+    pub light: &'a L,
+    /// Times the physical coverage: 1 is what a drop covers.
+    pub gain: f64,
+}
+
+/// Reusable memory for drawing.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Canvas {
+    radiance: Vec<[f32; 3]>,
+    boxes: Vec<TileBox>,
+    /// Where each tile's streaks start in `order`; one more than there are tiles.
+    starts: Vec<u32>,
+    order: Vec<u32>,
+    bands: Vec<Band>,
+    mask: Vec<f32>,
+}
+
+/// One band's accumulators, for a tile at a time.
+#[derive(Clone, Debug)]
+struct Band {
+    /// Light of the streaks, three channels, and the share of background that they leave.
+    layers: Vec<[f32; 4]>,
+    span: [f32; TILE[0]],
+}
+
+const CLEAR: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
+
+impl Default for Band {
+    fn default() -> Self {
+        Self { layers: vec![CLEAR; TILE_PIXELS], span: [0.0; TILE[0]] }
+    }
+}
+
+/// First and last tile along x, then along y, of a streak's box; empty when first > last.
+type TileBox = [u32; 4];
+const NOWHERE: TileBox = [1, 0, 1, 0];
+
+/// The tiles that a streak's kernel can touch.
+fn tiles_of<K: Kernel>(kernel: &K, footprint: &Footprint, grid: [usize; 2]) -> TileBox {
+    let [along, across] = kernel.reach(&kernel.prepare(footprint));
+    let [ux, uy] = footprint.axis.map(f64::abs);
+    let half = [along * ux + across * uy, along * uy + across * ux];
+    let mut tiles = NOWHERE;
+    for axis in 0..2 {
+        let size = TILE[axis] as f64;
+        let first = (footprint.centre[axis] - half[axis]) / size;
+        let last = (footprint.centre[axis] + half[axis]) / size;
+        if !(last >= 0.0 && first < grid[axis] as f64) {
+            return NOWHERE;
+        }
+        // Casts round toward zero and saturate.
+        tiles[2 * axis] = first as u32;
+        tiles[2 * axis + 1] = (last as u32).min(grid[axis] as u32 - 1);
+    }
+    tiles
+}
+
+fn tiles_in([x0, x1, y0, y1]: TileBox, columns: usize) -> impl Iterator<Item = usize> {
+    (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| y as usize * columns + x as usize))
+}
+
+impl Workspace {
+    /// Coverage α of the last [`Workspace::draw`], in [0, 1], row 0 = top: the share of background that
+    /// streaks hide.
+    pub fn mask(&self) -> &[f32] {
+        &self.canvas.mask
+    }
+
+    /// Draws the streaks of the last [`super::Rain::find`] over `picture` and into [`Workspace::mask`].
+    ///
+    /// Each streak lies over what is there with its coverage α and shows its own light in its place; where
+    /// streaks overlap, later ones of the list lie over earlier ones. Pixels whose scene is nearer than the
+    /// streak at that pixel stay as they are. `shot` is the one that was found.
+    ///
+    /// Errors: a picture or depth buffer of another size than the camera's, a gain that is negative or not
+    /// finite.
+    pub fn draw<K: Kernel, L: Light>(
+        &mut self,
+        shot: &Shot,
+        scene: &Scene<K, L>,
+        picture: &mut Picture,
+    ) -> Result<(), RuntimeError> {
+        let camera = shot.camera;
+        let size = [camera.width as usize, camera.height as usize];
+        if [picture.width, picture.height] != size || picture.pixels.len() != size[0] * size[1] {
+            let found = format!("{} × {}", picture.width, picture.height);
+            let wanted = format!("the camera's {} × {}", size[0], size[1]);
+            return Err(RuntimeError::argument("picture", wanted, found));
+        }
+        if let Some(depth) = &scene.depth {
+            depth.check_size(size[0], size[1])?;
+        }
+        if !(scene.gain >= 0.0 && scene.gain.is_finite()) {
+            return Err(RuntimeError::argument("gain", "a finite number from 0", scene.gain));
+        }
+        let grid = [size[0].div_ceil(TILE[0]), size[1].div_ceil(TILE[1])];
+        self.canvas.prepare(camera, scene, &self.streaks, grid);
+        self.canvas.sort_into_tiles(grid);
+        self.canvas.bands.resize_with(grid[1].max(self.canvas.bands.len()), Band::default);
+        self.canvas.mask.resize(size[0] * size[1], 0.0);
+
+        let Canvas { radiance, starts, order, bands, mask, .. } = &mut self.canvas;
+        let list = TileList { streaks: &self.streaks, radiance, starts, order };
+        let rows = size[0] * TILE[1];
+        let secants = camera.secants();
+        let paint = |(index, ((band, pixels), mask)): Job| {
+            for column in 0..grid[0] {
+                let tile = Tile {
+                    x: column * TILE[0],
+                    y: index * TILE[1],
+                    width: TILE[0].min(size[0] - column * TILE[0]),
+                    height: pixels.len() / size[0],
+                };
+                let mine = list.of(index * grid[0] + column);
+                band.paint_tile(&secants, scene, &list, mine, tile);
+                band.apply(tile, size[0], pixels, mask);
+            }
+        };
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            let pixels = picture.pixels.par_chunks_mut(rows);
+            bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
+        }
+        #[cfg(not(feature = "rayon"))]
+        {
+            let pixels = picture.pixels.chunks_mut(rows);
+            bands.iter_mut().zip(pixels).zip(mask.chunks_mut(rows)).enumerate().for_each(paint);
+        }
+        Ok(())
+    }
+}
+
+/// A band's number, its accumulators, its pixels and its part of the mask.
+type Job<'a> = (usize, ((&'a mut Band, &'a mut [[f32; 3]]), &'a mut [f32]));
+
+#[derive(Clone, Copy)]
+struct Tile {
+    x: usize,
+    y: usize,
+    width: usize,
+    height: usize,
+}
+
+/// Streaks with their light, and who is in which tile.
+struct TileList<'a> {
+    streaks: &'a [Streak],
+    radiance: &'a [[f32; 3]],
+    starts: &'a [u32],
+    order: &'a [u32],
+}
+
+impl<'a> TileList<'a> {
+    fn of(&self, tile: usize) -> &'a [u32] {
+        &self.order[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+}
+
+impl Canvas {
+    pub(super) fn bytes(&self) -> usize {
+        self.radiance.capacity() * size_of::<[f32; 3]>()
+            + self.boxes.capacity() * size_of::<TileBox>()
+            + (self.starts.capacity() + self.order.capacity() + self.mask.capacity()) * 4
+            + self.bands.capacity() * (size_of::<Band>() + TILE_PIXELS * size_of::<[f32; 4]>())
+    }
+
+    /// Each streak's light and tiles.
+    fn prepare<K: Kernel, L: Light>(
+        &mut self,
+        camera: &Camera,
+        scene: &Scene<K, L>,
+        streaks: &[Streak],
+        grid: [usize; 2],
+    ) {
+        self.radiance.resize(streaks.len(), [0.0; 3]);
+        self.boxes.resize(streaks.len(), NOWHERE);
+        let secants = camera.secants();
+        let prepare = |((radiance, tiles), streak): ((&mut [f32; 3], &mut TileBox), &Streak)| {
+            let footprint = streak.footprint();
+            let ray = camera.ray_with(&secants, footprint.centre[0], footprint.centre[1]);
+            let distance = f64::from(streak.depth) / ray.direction.dot(camera.forward);
+            *radiance = scene.light.radiance(&ray, distance);
+            *tiles = tiles_of(scene.kernel, &footprint, grid);
+        };
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            let out = self.radiance.par_iter_mut().zip(&mut self.boxes);
+            out.zip(streaks).for_each(prepare);
+        }
+        #[cfg(not(feature = "rayon"))]
+        self.radiance.iter_mut().zip(&mut self.boxes).zip(streaks).for_each(prepare);
+    }
+
+    /// Counting sort: streaks into tiles, in the order of the list within each tile.
+    fn sort_into_tiles(&mut self, grid: [usize; 2]) {
+        let tiles = grid[0] * grid[1];
+        self.starts.clear();
+        self.starts.resize(tiles + 1, 0);
+        for &tile_box in &self.boxes {
+            for tile in tiles_in(tile_box, grid[0]) {
+                self.starts[tile + 1] += 1;
+            }
+        }
+        for tile in 1..=tiles {
+            self.starts[tile] += self.starts[tile - 1];
+        }
+        self.order.clear();
+        self.order.resize(self.starts[tiles] as usize, 0);
+        for (index, &tile_box) in self.boxes.iter().enumerate() {
+            for tile in tiles_in(tile_box, grid[0]) {
+                let place = &mut self.starts[tile];
+                self.order[*place as usize] = index as u32;
+                *place += 1;
+            }
+        }
+        // Each start has moved to the next tile's; move them back.
+        self.starts.copy_within(0..tiles, 1);
+        self.starts[0] = 0;
+    }
+}
+
+impl Band {
+    fn paint_tile<K: Kernel, L>(
+        &mut self,
+        secants: &Secants,
+        scene: &Scene<K, L>,
+        list: &TileList,
+        mine: &[u32],
+        tile: Tile,
+    ) {
+        self.layers.fill(CLEAR);
+        for &index in mine {
+            let streak = &list.streaks[index as usize];
+            let radiance = list.radiance[index as usize];
+            let footprint = streak.footprint();
+            let prepared = scene.kernel.prepare(&footprint);
+            let [along, across] = scene.kernel.reach(&prepared);
+            let strength = (f64::from(streak.coverage) * scene.gain) as f32;
+            let strips = Strips::new(&footprint.centre, footprint.axis, along, across);
+            let depth = scene.depth.map(|buffer| (DepthLine::new(streak, &footprint), buffer));
+            let (top, bottom) = strips.rows();
+            let rows = cut(top - tile.y as f64, bottom - tile.y as f64, tile.height);
+            for row in rows {
+                let y = (tile.y + row) as f64 + 0.5;
+                let (low, high) = strips.row(y);
+                let columns = cut(low - tile.x as f64, high - tile.x as f64, tile.width);
+                if columns.is_empty() {
+                    continue;
+                }
+                let x = (tile.x + columns.start) as f64 + 0.5;
+                let span = &mut self.span[..columns.len()];
+                scene.kernel.span(&prepared, x, y, span);
+                if let Some((depth, buffer)) = &depth {
+                    for (i, share) in span.iter_mut().enumerate() {
+                        let (px, py) = (tile.x + columns.start + i, tile.y + row);
+                        if *share > 0.0 && depth.hidden(secants, buffer, px, py) {
+                            *share = 0.0;
+                        }
+                    }
+                }
+                let from = row * TILE[0] + columns.start;
+                for (&share, layer) in span.iter().zip(&mut self.layers[from..from + columns.len()]) {
+                    // `max` makes a kernel's NaN draw nothing, which `clamp` would hand on.
+                    let alpha = (strength * share).max(0.0);
+                    let alpha = if alpha > 1.0 { 1.0 } else { alpha };
+                    let kept = 1.0 - alpha;
+                    *layer = [
+                        layer[0] * kept + alpha * radiance[0],
+                        layer[1] * kept + alpha * radiance[1],
+                        layer[2] * kept + alpha * radiance[2],
+                        layer[3] * kept,
+                    ];
+                }
+            }
+        }
+    }
+
+    /// Puts the finished tile over the picture and into the mask.
+    fn apply(&self, tile: Tile, width: usize, pixels: &mut [[f32; 3]], mask: &mut [f32]) {
+        for row in 0..tile.height {
+            let from = row * width + tile.x;
+            for column in 0..tile.width {
+                let [red, green, blue, kept] = self.layers[row * TILE[0] + column];
+                mask[from + column] = 1.0 - kept;
+                // Where nothing was drawn the pixel stays as it is, infinite or not.
+                if kept < 1.0 {
+                    let pixel = &mut pixels[from + column];
+                    *pixel = [pixel[0] * kept + red, pixel[1] * kept + green, pixel[2] * kept + blue];
+                }
+            }
+        }
+    }
+}
+
+/// The whole pixels of 0…`limit` whose centres lie between `low` and `high`.
+#[inline(always)]
+fn cut(low: f64, high: f64, limit: usize) -> std::ops::Range<usize> {
+    // Casts round toward zero and saturate; both ends are positive by then.
+    let first = (low + 0.5).clamp(0.0, limit as f64) as usize;
+    let end = (high + 0.5).clamp(0.0, limit as f64) as usize;
+    first..end.max(first)
+}
+
+/// A kernel's box, turned: two strips, whose overlap with a row of pixels is an interval. Both ends of a
+/// strip's interval move by the same slope from row to row.
+struct Strips {
+    centre: [f64; 2],
+    /// Per strip: slope of its ends in x per row, half its width in x; infinite for a strip along the rows.
+    ends: [[f64; 2]; 2],
+    half_height: f64,
+}
+
+impl Strips {
+    fn new(centre: &[f64; 2], axis: [f64; 2], along: f64, across: f64) -> Self {
+        let [ux, uy] = axis;
+        // |n dx + m dy| ≤ reach
+        let strip = |n: f64, m: f64, reach: f64| match n.abs() > 1e-9 {
+            true => [-m / n, reach / n.abs()],
+            false => [0.0, f64::INFINITY],
+        };
+        Self {
+            centre: *centre,
+            ends: [strip(uy, -ux, across), strip(ux, uy, along)],
+            half_height: along * uy.abs() + across * ux.abs(),
+        }
+    }
+
+    /// First and last y that the box touches.
+    fn rows(&self) -> (f64, f64) {
+        (self.centre[1] - self.half_height, self.centre[1] + self.half_height)
+    }
+
+    /// First and last x of the box in the row with centre `y`, a row that it touches.
+    #[inline(always)]
+    fn row(&self, y: f64) -> (f64, f64) {
+        let dy = y - self.centre[1];
+        let [[slope, half], [slope2, half2]] = self.ends;
+        let low = (slope * dy - half).max(slope2 * dy - half2);
+        let high = (slope * dy + half).min(slope2 * dy + half2);
+        (self.centre[0] + low, self.centre[0] + high)
+    }
+}
+
+/// Inverse depth along a streak: linear in the picture.
+struct DepthLine {
+    centre: [f64; 2],
+    axis: [f64; 2],
+    half: f64,
+    middle: f64,
+    rise: f64,
+}
+
+impl DepthLine {
+    fn new(streak: &Streak, footprint: &Footprint) -> Self {
+        let Footprint { centre, axis, length, .. } = *footprint;
+        let [a, b] = streak.end_depths.map(|depth| 1.0 / f64::from(depth));
+        let rise = if length > 0.0 { (b - a) / length } else { 0.0 };
+        Self { centre, axis, half: 0.5 * length, middle: 0.5 * (a + b), rise }
+    }
+
+    fn hidden(&self, secants: &Secants, buffer: &DepthBuffer, x: usize, y: usize) -> bool {
+        let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
+        let along = (px - self.centre[0]) * self.axis[0] + (py - self.centre[1]) * self.axis[1];
+        let inverse = self.middle + self.rise * along.clamp(-self.half, self.half);
+        buffer.planar(x, y, || secants.at(px, py)) * inverse < 1.0
+    }
+}
