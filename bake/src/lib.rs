@@ -5,6 +5,8 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod input;
 pub mod output;
+pub mod streak;
 
 pub use error::BakeError;
