@@ -1,5 +1,6 @@
 //! Readers of what people hand in: scenes, lamps, cameras, grids. Each refuses with file, field, wanted, found.
 
+pub mod picture;
 pub mod scene;
 
 use crate::error::BakeError;

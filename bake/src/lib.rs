@@ -12,5 +12,6 @@ pub mod input;
 pub mod output;
 pub mod progress;
 pub mod response;
+pub mod streak;
 
 pub use error::BakeError;

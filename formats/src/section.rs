@@ -5,6 +5,7 @@ pub mod cloud;
 pub mod density;
 pub mod provenance;
 pub mod response;
+pub mod streak;
 
 use crate::ReadError;
 
@@ -34,6 +35,7 @@ pub const KNOWN: &[Tag] = &[
     density::DensitySection::TAG,
     response::ResponseSection::TAG,
     provenance::ProvenanceSection::TAG,
+    streak::StreakSection::TAG,
 ];
 
 /// Whether this build reads sections of kind `tag`.

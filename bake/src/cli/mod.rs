@@ -2,6 +2,7 @@
 
 mod query;
 mod solve;
+mod streaks;
 
 use squall_bake::BakeError;
 use squall_runtime::RuntimeError;
@@ -18,6 +19,9 @@ pub struct Cli {
 enum Command {
     Solve(solve::Args),
     Query(query::Args),
+    /// Turns pictures of streaks into cosines, and says how well.
+    #[command(subcommand)]
+    Streaks(streaks::Command),
 }
 
 /// Runs the chosen subcommand.
@@ -25,6 +29,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
+        Command::Streaks(command) => streaks::run(command),
     }
 }
 

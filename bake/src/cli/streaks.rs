@@ -1,0 +1,91 @@
+//! `squall streaks fit PICTURE… [--method M] [--cosines N] [--json] [--preview PICTURE]`
+
+use squall_bake::input::picture::read_grey;
+use squall_bake::output;
+use squall_bake::streak::{self, FitSettings, Method, Source, preview};
+use std::path::PathBuf;
+
+/// What `squall streaks` can do.
+#[derive(clap::Subcommand)]
+pub enum Command {
+    /// Fits pictures of streaks, each as a pattern of an asset, and reports how close each comes.
+    Fit(Fit),
+}
+
+/// `squall streaks fit`
+#[derive(clap::Args)]
+pub struct Fit {
+    /// Pictures, PNG or OpenEXR; samples are taken as linear light.
+    #[arg(required = true)]
+    pictures: Vec<PathBuf>,
+    /// How to fit.
+    #[arg(long, default_value = "edges", value_parser = method)]
+    method: Method,
+    /// Oscillating terms per pattern; the constant and the window come on top.
+    #[arg(long, default_value_t = 6)]
+    cosines: usize,
+    /// Print one JSON list instead of a table.
+    #[arg(long)]
+    json: bool,
+    /// Write a PNG with source, fit and difference of every picture side by side.
+    #[arg(long, value_name = "PICTURE")]
+    preview: Option<PathBuf>,
+}
+
+fn method(name: &str) -> Result<Method, String> {
+    let known = || Method::ALL.map(Method::name).join(", ");
+    Method::from_name(name).ok_or_else(|| format!("wanted one of {}", known()))
+}
+
+/// Runs the chosen subcommand.
+pub fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Fit(args) => fit(&args),
+    }
+}
+
+fn fit(args: &Fit) -> anyhow::Result<()> {
+    let pictures = args.pictures.iter().map(|path| read_grey(path)).collect::<Result<Vec<_>, _>>()?;
+    let sources: Vec<Source> = args
+        .pictures
+        .iter()
+        .zip(&pictures)
+        .map(|(file, picture)| Source { file, picture, notes: None })
+        .collect();
+    let settings = FitSettings { method: args.method, cosines: args.cosines };
+    let patterns = streak::fit_all(&sources, settings)?;
+    if let Some(path) = &args.preview {
+        let sheet = preview::contact_sheet(&pictures, &patterns);
+        output::write_atomically(path, |out| preview::write_png8(&sheet, out))?;
+    }
+    let lines = sources.iter().zip(&patterns);
+    if args.json {
+        let rows: Vec<serde_json::Value> = lines
+            .map(|(source, pattern)| {
+                serde_json::json!({
+                    "file": source.file,
+                    "method": pattern.method.name(),
+                    "terms": pattern.pattern.terms(),
+                    "psnr_db": pattern.psnr_db,
+                    "ssim": pattern.ssim,
+                    "bytes": pattern.stored_bytes(),
+                })
+            })
+            .collect();
+        println!("{}", serde_json::to_string_pretty(&rows)?);
+        return Ok(());
+    }
+    println!("{:>9}  {:>5}  {:>7}  {:>6}  {:>5}  picture", "method", "terms", "PSNR dB", "SSIM", "bytes");
+    for (source, pattern) in lines {
+        println!(
+            "{:>9}  {:>5}  {:>7.2}  {:>6.3}  {:>5}  {}",
+            pattern.method.name(),
+            pattern.pattern.terms(),
+            pattern.psnr_db,
+            pattern.ssim,
+            pattern.stored_bytes(),
+            source.file.display()
+        );
+    }
+    Ok(())
+}
