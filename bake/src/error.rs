@@ -19,9 +19,9 @@ pub enum BakeError {
         /// What is there.
         found: String,
     },
-    /// A recipe error with its place drawn under the line.
-    #[error("{0}")]
-    Recipe(String),
+    /// A place in a recipe that is wrong.
+    #[error(transparent)]
+    Recipe(#[from] Box<crate::recipe::RecipeError>),
     /// The system refused to read or write.
     #[error("{}: cannot {action}: {source}", file.display())]
     Io {
@@ -53,6 +53,12 @@ pub enum BakeError {
     /// Ctrl-C or a termination signal.
     #[error("interrupted; nothing was written")]
     Interrupted,
+}
+
+impl From<crate::recipe::RecipeError> for BakeError {
+    fn from(error: crate::recipe::RecipeError) -> Self {
+        Self::Recipe(Box::new(error))
+    }
 }
 
 impl BakeError {

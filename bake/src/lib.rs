@@ -11,7 +11,9 @@ pub mod error;
 pub mod input;
 pub mod output;
 pub mod progress;
+pub mod recipe;
 pub mod response;
+pub mod storm;
 pub mod streak;
 
 pub use error::BakeError;

@@ -5,6 +5,8 @@
 //! with the same solver, they say what splitting a stroke over lamps costs; relit from the very bytes that ship, they say
 //! what compression costs.
 
+pub mod judge;
+
 use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -51,6 +53,28 @@ impl LampGrid {
     /// Whether there is no node.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The nodes that a lamp at `point` is split over; `None` outside the grid.
+    pub fn around(&self, point: DVec3) -> Option<Vec<usize>> {
+        let side = |axis: &[f64], value: f64| -> Option<[usize; 2]> {
+            let (first, last) = (*axis.first()?, *axis.last()?);
+            if !(first..=last).contains(&value) {
+                return None;
+            }
+            let high = axis.partition_point(|&node| node < value);
+            Some(if axis[high] == value { [high, high] } else { [high - 1, high] })
+        };
+        let (x, y, z) = (side(&self.x_m, point.x)?, side(&self.y_m, point.y)?, side(&self.z_m, point.z)?);
+        let mut nodes = Vec::with_capacity(8);
+        for corner in 0..8 {
+            let node =
+                x[corner & 1] + self.x_m.len() * (y[corner >> 1 & 1] + self.y_m.len() * z[corner >> 2]);
+            if !nodes.contains(&node) {
+                nodes.push(node);
+            }
+        }
+        Some(nodes)
     }
 
     /// Position of node `index`.

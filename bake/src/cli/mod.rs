@@ -1,8 +1,11 @@
 //! One file per subcommand; no mathematics in any of them.
 
+mod bake;
+mod progress;
 mod query;
 mod solve;
 mod streaks;
+mod table;
 
 use squall_bake::BakeError;
 use squall_runtime::RuntimeError;
@@ -17,6 +20,7 @@ pub struct Cli {
 
 #[derive(clap::Subcommand)]
 enum Command {
+    Bake(bake::Args),
     Solve(solve::Args),
     Query(query::Args),
     /// Turns pictures of streaks into cosines, and says how well.
@@ -27,6 +31,7 @@ enum Command {
 /// Runs the chosen subcommand.
 pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
+        Command::Bake(args) => bake::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
         Command::Streaks(command) => streaks::run(command),

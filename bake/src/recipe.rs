@@ -1,0 +1,86 @@
+//! The recipe: what a scene has and how good it must be. Every key with unit, range and default: docs/recipe.md.
+//!
+//! A recipe is TOML. Unknown keys are errors that name the nearest known one, numbers are checked with file, line and
+//! column, and nothing outside the sections that it has is baked.
+
+mod file;
+mod place;
+
+use crate::density::DensitySpec;
+use crate::error::BakeError;
+use crate::input::read_text;
+use crate::input::scene::Optics;
+use crate::response::ResponseSettings;
+use crate::streak::FitSettings;
+pub use place::RecipeError;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::response::DistantKind;
+use std::path::{Path, PathBuf};
+
+/// A recipe, read and checked.
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    /// The recipe's own file.
+    pub file: PathBuf,
+    /// Its text, hashed into the asset's provenance.
+    pub text: String,
+    /// A cloud lit by lightning.
+    pub clouds: Option<Clouds>,
+    /// Rain.
+    pub rain: Option<Rain>,
+    /// Strokes.
+    pub strokes: Vec<StrokeRecord>,
+}
+
+/// What the recipe says of the cloud.
+#[derive(Clone, Debug)]
+pub struct Clouds {
+    /// SCENE.json with the grid.
+    pub scene: PathBuf,
+    /// Optics that override the scene's.
+    pub optics: Optics,
+    /// Where virtual lamps stand.
+    pub lamps: Lamps,
+    /// Distant light to bake beside them.
+    pub distant: Vec<DistantKind>,
+    /// How to solve, and how to store.
+    pub response: ResponseSettings,
+    /// Strokes that judge the result, grown at random inside the lamps' reach.
+    pub test_strokes: u32,
+}
+
+/// Where virtual lamps stand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lamps {
+    /// Smallest corner of the reach, m; the grid's own where absent.
+    pub low_m: Option<[f64; 3]>,
+    /// Largest corner of the reach, m; the grid's own where absent.
+    pub high_m: Option<[f64; 3]>,
+    /// Distance between lamps sideways and above the cloud's base, h_usr, m.
+    pub spacing_m: f64,
+    /// ε of \[dobashi\] eq. 4, 1/m².
+    pub epsilon_per_m2: f64,
+    /// Longest interval below the base, m.
+    pub longest_m: f64,
+    /// Bake only lamps that a stroke of the recipe can touch.
+    pub prune: bool,
+}
+
+/// What the recipe says of rain.
+#[derive(Clone, Debug)]
+pub struct Rain {
+    /// Pictures of streaks, in order.
+    pub pictures: Vec<PathBuf>,
+    /// How to fit them.
+    pub fit: FitSettings,
+    /// What the density table must cover, and how well.
+    pub density: DensitySpec,
+}
+
+impl Recipe {
+    /// Reads and checks a recipe.
+    pub fn read(path: &Path) -> Result<Self, BakeError> {
+        let text = read_text(path)?;
+        file::read(path, text)
+    }
+}

@@ -1,0 +1,518 @@
+//! The recipe's text as it is typed, and its way to a checked [`Recipe`].
+
+use super::place::Source;
+use super::{Clouds, Lamps, Rain, Recipe, RecipeError};
+use crate::density::DensitySpec;
+use crate::error::BakeError;
+use crate::input::scene::{Optics, beside};
+use crate::response::ResponseSettings;
+use crate::streak::{FitSettings, Method};
+use serde::Deserialize;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::density::Ranges;
+use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm, DistantKind, SweepScheme};
+use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
+use squall_runtime::transport::quadrature::Quadrature;
+use squall_runtime::transport::solve::SolveSettings;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+type Number = Spanned<f64>;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecipeFile {
+    clouds: Option<CloudsFile>,
+    rain: Option<RainFile>,
+    #[serde(default)]
+    strokes: Vec<Spanned<StrokeFile>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CloudsFile {
+    scene: Spanned<PathBuf>,
+    kappa_per_m: Option<Number>,
+    albedo: Option<Number>,
+    g: Option<Number>,
+    #[serde(default)]
+    lightning: LightningFile,
+    #[serde(default)]
+    transport: TransportFile,
+    #[serde(default)]
+    response: ResponseFile,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct LightningFile {
+    low_m: Option<Spanned<[f64; 3]>>,
+    high_m: Option<Spanned<[f64; 3]>>,
+    spacing_m: Option<Number>,
+    epsilon_per_m2: Option<Number>,
+    longest_m: Option<Number>,
+    prune: Option<bool>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct TransportFile {
+    directions: Option<Spanned<String>>,
+    scheme: Option<SchemeName>,
+    delta_m: Option<bool>,
+    refine: Option<Number>,
+    samples: Option<Number>,
+    tolerance: Option<Number>,
+    max_sweeps: Option<Number>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum SchemeName {
+    Weighted,
+    Diamond,
+    Step,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct ResponseFile {
+    channels: Option<ChannelsName>,
+    direct: Option<DirectName>,
+    codec: Option<CodecName>,
+    error: Option<Number>,
+    distant: Option<Vec<DistantName>>,
+    sun_direction: Option<Spanned<[f64; 3]>>,
+    test_strokes: Option<Number>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+enum ChannelsName {
+    #[serde(rename = "directions-26")]
+    Directions26,
+    #[serde(rename = "harmonics-0")]
+    Harmonics0,
+    #[serde(rename = "harmonics-1")]
+    Harmonics1,
+    #[serde(rename = "harmonics-2")]
+    Harmonics2,
+    #[serde(rename = "harmonics-3")]
+    Harmonics3,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum DirectName {
+    Rows,
+    RunTime,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum CodecName {
+    Bytes,
+    Paper,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum DistantName {
+    UpperSky,
+    LowerSky,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RainFile {
+    density: DensityFile,
+    streaks: StreaksFile,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct DensityFile {
+    rate_mm_per_h: Option<Spanned<[f64; 2]>>,
+    vertical_fov_deg: Option<Spanned<[f64; 2]>>,
+    exposure_ms: Option<Spanned<[f64; 2]>>,
+    streak_px: Option<Spanned<[f64; 2]>>,
+    diameter_mm: Option<Spanned<[f64; 2]>>,
+    classes: Option<Number>,
+    error: Option<Number>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct StreaksFile {
+    pictures: Option<Vec<Spanned<PathBuf>>>,
+    method: Option<Spanned<String>>,
+    cosines: Option<Number>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StrokeFile {
+    name: String,
+    seed: u64,
+    from_m: [f64; 3],
+    to_m: [f64; 3],
+    segment_m: Option<f64>,
+    turn_deg: Option<f64>,
+    wander: Option<f64>,
+    branching: Option<f64>,
+    branch_deg: Option<f64>,
+    branch_length: Option<f64>,
+    max_order: Option<u8>,
+    branch_intensity: Option<f64>,
+    #[serde(rename = "intensity_W_per_sr")]
+    intensity: f64,
+    color: Option<[f32; 3]>,
+}
+
+/// Reads a recipe's text.
+pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
+    let source = Source { file: path, text: &text };
+    let file: RecipeFile = toml::from_str(&text).map_err(|error| source.refused(&error))?;
+    let clouds = file.clouds.map(|clouds| clouds.check(&source)).transpose()?;
+    let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
+    let mut strokes: Vec<StrokeRecord> = Vec::new();
+    for stroke in file.strokes {
+        let span = stroke.span();
+        let record = stroke.into_inner().record();
+        record.check().map_err(|(field, wanted, found)| {
+            source.error(span.clone(), format!("strokes.{field}"), wanted, found)
+        })?;
+        if strokes.iter().any(|other| other.name == record.name) {
+            let found = format!("`{}` twice", record.name);
+            return Err(source.error(span, "strokes.name", "each name once", found).into());
+        }
+        strokes.push(record);
+    }
+    if clouds.is_none() && rain.is_none() && strokes.is_empty() {
+        let wanted = "at least one of [clouds], [rain] and [[strokes]]";
+        return Err(source.error(0..0, "recipe", wanted, "none of them").into());
+    }
+    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes })
+}
+
+impl Source<'_> {
+    /// `value` if it lies in [low, high], or `default`.
+    fn number(
+        &self,
+        field: &str,
+        value: &Option<Number>,
+        default: f64,
+        [low, high]: [f64; 2],
+        unit: &str,
+    ) -> Result<f64, RecipeError> {
+        let Some(value) = value else { return Ok(default) };
+        let number = *value.get_ref();
+        if number >= low && number <= high {
+            return Ok(number);
+        }
+        let wanted = format!("{low} to {high}{}{unit}", if unit.is_empty() { "" } else { " " });
+        Err(self.error(value.span(), field, wanted, number))
+    }
+
+    /// Like [`Source::number`], for whole numbers.
+    fn count(
+        &self,
+        field: &str,
+        value: &Option<Number>,
+        default: u32,
+        [low, high]: [u32; 2],
+    ) -> Result<u32, RecipeError> {
+        let number = self.number(field, value, f64::from(default), [f64::from(low), f64::from(high)], "")?;
+        match value {
+            Some(value) if number != number.floor() => {
+                Err(self.error(value.span(), field, "a whole number", number))
+            }
+            _ => Ok(number as u32),
+        }
+    }
+
+    /// A rising pair inside [low, high], or `default`.
+    fn range(
+        &self,
+        field: &str,
+        value: &Option<Spanned<[f64; 2]>>,
+        default: [f64; 2],
+        [low, high]: [f64; 2],
+        unit: &str,
+    ) -> Result<[f64; 2], RecipeError> {
+        let Some(value) = value else { return Ok(default) };
+        let pair = *value.get_ref();
+        if low <= pair[0] && pair[0] < pair[1] && pair[1] <= high {
+            return Ok(pair);
+        }
+        let wanted = format!("two rising numbers within {low} to {high} {unit}");
+        Err(self.error(value.span(), field, wanted, format!("{pair:?}")))
+    }
+
+    /// A file beside the recipe, which must be there.
+    fn beside(&self, field: &str, name: &Spanned<PathBuf>) -> Result<PathBuf, RecipeError> {
+        let path = beside(self.file, name.get_ref());
+        if path.is_file() {
+            return Ok(path);
+        }
+        Err(self.error(name.span(), field, "a file", format!("{}, which is not there", path.display())))
+    }
+
+    fn directions(&self, value: &Spanned<String>) -> Result<Quadrature, RecipeError> {
+        parse_directions(value.get_ref()).ok_or_else(|| {
+            let wanted = "\"14\", \"26\" or \"50\" (Lebedev), or polar nodes × azimuths, such as \"4x16\"";
+            self.error(
+                value.span(),
+                "clouds.transport.directions",
+                wanted,
+                format!("\"{}\"", value.get_ref()),
+            )
+        })
+    }
+}
+
+/// A direction set from its name: 14, 26, 50, or polar nodes per hemisphere × azimuths.
+pub fn parse_directions(name: &str) -> Option<Quadrature> {
+    let set = match name {
+        "14" => Quadrature::Lebedev14,
+        "26" => Quadrature::Lebedev26,
+        "50" => Quadrature::Lebedev50,
+        other => {
+            let (polar, azimuths) = other.split_once('x')?;
+            Quadrature::DoubleGauss { polar: polar.parse().ok()?, azimuths: azimuths.parse().ok()? }
+        }
+    };
+    set.ordinates().ok().map(|_| set)
+}
+
+impl CloudsFile {
+    fn check(self, source: &Source) -> Result<Clouds, RecipeError> {
+        let optional = |field: &str, value: &Option<Number>, range: [f64; 2], unit: &str| {
+            value.as_ref().map(|_| source.number(field, value, 0.0, range, unit)).transpose()
+        };
+        let optics = Optics {
+            albedo: optional("clouds.albedo", &self.albedo, [0.0, 1.0], "")?,
+            g: optional("clouds.g", &self.g, [-0.999, 0.999], "")?,
+            kappa_per_m: optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 100.0], "1/m")?,
+        };
+        let response = &self.response;
+        let mut distant: Vec<DistantKind> = response
+            .distant
+            .iter()
+            .flatten()
+            .map(|name| match name {
+                DistantName::UpperSky => DistantKind::UpperSky,
+                DistantName::LowerSky => DistantKind::LowerSky,
+            })
+            .collect();
+        if let Some(sun) = &response.sun_direction {
+            let direction = glam::DVec3::from_array(*sun.get_ref()).try_normalize();
+            let field = "clouds.response.sun_direction";
+            let direction = direction.ok_or_else(|| {
+                source.error(
+                    sun.span(),
+                    field,
+                    "a finite vector that is not zero",
+                    format!("{:?}", sun.get_ref()),
+                )
+            })?;
+            distant.push(DistantKind::Beam { direction: direction.to_array() });
+        }
+        Ok(Clouds {
+            scene: source.beside("clouds.scene", &self.scene)?,
+            optics,
+            lamps: self.lightning.check(source)?,
+            distant,
+            response: self.settings(source)?,
+            test_strokes: source.count("clouds.response.test_strokes", &response.test_strokes, 8, [0, 64])?,
+        })
+    }
+
+    fn settings(&self, source: &Source) -> Result<ResponseSettings, RecipeError> {
+        let (transport, response) = (&self.transport, &self.response);
+        let quadrature = match &transport.directions {
+            Some(value) => source.directions(value)?,
+            None => Quadrature::DoubleGauss { polar: 2, azimuths: 8 },
+        };
+        let solve = SolveSettings {
+            quadrature,
+            scheme: match transport.scheme.unwrap_or(SchemeName::Weighted) {
+                SchemeName::Weighted => SweepScheme::Weighted,
+                SchemeName::Diamond => SweepScheme::Diamond,
+                SchemeName::Step => SweepScheme::Step,
+            },
+            delta: transport.delta_m.unwrap_or(true),
+            tolerance: source.number(
+                "clouds.transport.tolerance",
+                &transport.tolerance,
+                1e-3,
+                [1e-6, 0.5],
+                "",
+            )?,
+            max_sweeps: source.count(
+                "clouds.transport.max_sweeps",
+                &transport.max_sweeps,
+                2000,
+                [4, 100_000],
+            )?,
+            ..SolveSettings::default()
+        };
+        Ok(ResponseSettings {
+            channels: match response.channels.unwrap_or(ChannelsName::Harmonics1) {
+                ChannelsName::Directions26 => ChannelBasis::Directions26,
+                ChannelsName::Harmonics0 => ChannelBasis::Harmonics { degree: 0 },
+                ChannelsName::Harmonics1 => ChannelBasis::Harmonics { degree: 1 },
+                ChannelsName::Harmonics2 => ChannelBasis::Harmonics { degree: 2 },
+                ChannelsName::Harmonics3 => ChannelBasis::Harmonics { degree: 3 },
+            },
+            direct: match response.direct.unwrap_or(DirectName::RunTime) {
+                DirectName::Rows => DirectTerm::InRows,
+                DirectName::RunTime => DirectTerm::AtRunTime,
+            },
+            codec: match response.codec.unwrap_or(CodecName::Bytes) {
+                CodecName::Bytes => Codec::Bytes,
+                CodecName::Paper => Codec::Paper,
+            },
+            relative_error: source.number(
+                "clouds.response.error",
+                &response.error,
+                0.01,
+                [0.0, 0.9],
+                "of a lamp's light",
+            )?,
+            refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
+            samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
+            solve,
+        })
+    }
+}
+
+impl LightningFile {
+    fn check(&self, source: &Source) -> Result<Lamps, RecipeError> {
+        let corner = |field: &str, value: &Option<Spanned<[f64; 3]>>| match value {
+            None => Ok(None),
+            Some(value) if value.get_ref().iter().all(|v| v.abs() <= 1e6) => Ok(Some(*value.get_ref())),
+            Some(value) => {
+                let found = format!("{:?}", value.get_ref());
+                Err(source.error(value.span(), field, "three numbers, -1e6 to 1e6 m", found))
+            }
+        };
+        let (low_m, high_m) = (
+            corner("clouds.lightning.low_m", &self.low_m)?,
+            corner("clouds.lightning.high_m", &self.high_m)?,
+        );
+        if let (Some(low), Some(high), Some(value)) = (low_m, high_m, &self.high_m)
+            && (0..3).any(|axis| low[axis] > high[axis])
+        {
+            let found = format!("{high:?} beside low_m {low:?}");
+            return Err(source.error(value.span(), "clouds.lightning.high_m", "no less than low_m", found));
+        }
+        let metres = [1e-3, 1e6];
+        Ok(Lamps {
+            low_m,
+            high_m,
+            spacing_m: source.number("clouds.lightning.spacing_m", &self.spacing_m, 0.0, metres, "m")?,
+            epsilon_per_m2: source.number(
+                "clouds.lightning.epsilon_per_m2",
+                &self.epsilon_per_m2,
+                1e-6,
+                [0.0, 1e6],
+                "1/m²",
+            )?,
+            longest_m: source.number("clouds.lightning.longest_m", &self.longest_m, 1e6, metres, "m")?,
+            prune: self.prune.unwrap_or(false),
+        })
+    }
+}
+
+impl RainFile {
+    fn check(&self, source: &Source) -> Result<Rain, RecipeError> {
+        let (density, usual) = (&self.density, DensitySpec::default());
+        let rate = source.range(
+            "rain.density.rate_mm_per_h",
+            &density.rate_mm_per_h,
+            usual.ranges.rate.map(|r| r.0),
+            [1e-3, 1000.0],
+            "mm/h",
+        )?;
+        let fov = source.range(
+            "rain.density.vertical_fov_deg",
+            &density.vertical_fov_deg,
+            usual.ranges.vertical_fov.map(|v| v.0),
+            [1.0, 179.0],
+            "degrees",
+        )?;
+        let exposure = source.range(
+            "rain.density.exposure_ms",
+            &density.exposure_ms,
+            usual.ranges.exposure.map(|t| t.0 * 1000.0),
+            [1e-3, 1000.0],
+            "ms",
+        )?;
+        let length_px = source.range(
+            "rain.density.streak_px",
+            &density.streak_px,
+            usual.ranges.length_px,
+            [1.0, 1e4],
+            "px",
+        )?;
+        let diameter = source.range(
+            "rain.density.diameter_mm",
+            &density.diameter_mm,
+            usual.diameter.map(|d| d.0),
+            [0.1, 12.0],
+            "mm",
+        )?;
+        let spec = DensitySpec {
+            ranges: Ranges {
+                rate: rate.map(MillimetresPerHour),
+                vertical_fov: fov.map(Degrees),
+                exposure: exposure.map(|ms| Seconds(ms / 1000.0)),
+                length_px,
+            },
+            diameter: diameter.map(Millimetres),
+            classes: source.count("rain.density.classes", &density.classes, usual.classes as u32, [1, 64])?
+                as usize,
+            relative_error: source.number("rain.density.error", &density.error, 5e-3, [1e-9, 0.5], "")?,
+        };
+        let streaks = &self.streaks;
+        let mut pictures = Vec::new();
+        for picture in streaks.pictures.iter().flatten() {
+            pictures.push(source.beside("rain.streaks.pictures", picture)?);
+        }
+        let usual = FitSettings::default();
+        let method = match &streaks.method {
+            None => usual.method,
+            Some(name) => Method::from_name(name.get_ref()).ok_or_else(|| {
+                let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
+                let wanted = format!("one of {}", known.join(", "));
+                source.error(name.span(), "rain.streaks.method", wanted, format!("\"{}\"", name.get_ref()))
+            })?,
+        };
+        let cosines =
+            source.count("rain.streaks.cosines", &streaks.cosines, usual.cosines as u32, [0, 64])? as usize;
+        Ok(Rain { pictures, fit: FitSettings { method, cosines }, density: spec })
+    }
+}
+
+impl StrokeFile {
+    fn record(self) -> StrokeRecord {
+        let mut record = StrokeRecord {
+            name: self.name,
+            seed: self.seed,
+            from_m: self.from_m,
+            to_m: self.to_m,
+            segment_m: 0.0,
+            turn_rad: self.turn_deg.unwrap_or(16.0).to_radians(),
+            wander: self.wander.unwrap_or(0.15),
+            branching: self.branching.unwrap_or(0.1),
+            branch_rad: self.branch_deg.unwrap_or(35.0).to_radians(),
+            branch_length: self.branch_length.unwrap_or(0.5),
+            max_order: self.max_order.unwrap_or(3),
+            branch_intensity: self.branch_intensity.unwrap_or(0.35),
+            intensity_w_per_sr: self.intensity,
+            color: self.color.unwrap_or([0.85, 0.95, 1.2]),
+        };
+        record.segment_m = self.segment_m.unwrap_or(record.length() / 100.0);
+        record
+    }
+}

@@ -1,0 +1,106 @@
+//! Places in a recipe's text, and errors that point at them.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// What is wrong at one place of a recipe.
+#[derive(Clone, Debug)]
+pub struct RecipeError {
+    /// The recipe.
+    pub file: PathBuf,
+    /// Its whole text.
+    pub text: String,
+    /// Bytes of the text that are meant.
+    pub span: Range<usize>,
+    /// Which key.
+    pub field: String,
+    /// What is accepted.
+    pub wanted: String,
+    /// What stands there.
+    pub found: String,
+}
+
+impl RecipeError {
+    /// Line and column of the place, counted from 1; columns in characters.
+    pub fn line_and_column(&self) -> (usize, usize) {
+        let before = &self.text[..self.floor(self.span.start)];
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+
+    /// The start of the character that byte `at` lies in.
+    fn floor(&self, at: usize) -> usize {
+        let at = at.min(self.text.len());
+        (0..=at).rev().find(|&i| self.text.is_char_boundary(i)).unwrap_or(0)
+    }
+}
+
+impl std::fmt::Display for RecipeError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (line, column) = self.line_and_column();
+        let (file, field) = (self.file.display(), &self.field);
+        write!(f, "{file}:{line}:{column}: {field}: wanted {}, found {}", self.wanted, self.found)
+    }
+}
+
+impl std::error::Error for RecipeError {}
+
+/// A recipe's text, for making errors.
+pub(super) struct Source<'a> {
+    pub file: &'a Path,
+    pub text: &'a str,
+}
+
+impl Source<'_> {
+    /// An error at `span`.
+    pub fn error(
+        &self,
+        span: Range<usize>,
+        field: impl Into<String>,
+        wanted: impl Into<String>,
+        found: impl ToString,
+    ) -> RecipeError {
+        RecipeError {
+            file: self.file.to_owned(),
+            text: self.text.to_owned(),
+            span,
+            field: field.into(),
+            wanted: wanted.into(),
+            found: found.to_string(),
+        }
+    }
+
+    /// Puts what the TOML reader refuses into the recipe's own words: an unknown key names the nearest known one.
+    pub fn refused(&self, error: &toml::de::Error) -> RecipeError {
+        let span = error.span().unwrap_or(0..0);
+        let message = error.message().trim();
+        let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+        if message.starts_with("unknown field") || message.starts_with("unknown variant") {
+            let known = names.get(1..).unwrap_or_default();
+            let found = names.first().copied().unwrap_or_default();
+            let near = known
+                .iter()
+                .max_by(|a, b| strsim::jaro_winkler(a, found).total_cmp(&strsim::jaro_winkler(b, found)));
+            let what = if message.starts_with("unknown field") { "key" } else { "value" };
+            let wanted = match near {
+                Some(near) if strsim::jaro_winkler(near, found) > 0.6 => {
+                    format!("a known {what}; the nearest is `{near}`")
+                }
+                _ => format!("a known {what}: {}", known.join(", ")),
+            };
+            return self.error(span, format!("unknown {what}"), wanted, format!("`{found}`"));
+        }
+        if let Some(name) = message.strip_prefix("missing field") {
+            return self.error(span, name.trim().trim_matches('`'), "a value", "nothing");
+        }
+        if let Some((found, wanted)) =
+            message.strip_prefix("invalid type: ").and_then(|rest| rest.split_once(", expected "))
+        {
+            let line = &self.text[..span.start.min(self.text.len())];
+            let key =
+                line.rsplit('\n').next().unwrap_or_default().split('=').next().unwrap_or_default().trim();
+            return self.error(span, if key.is_empty() { "value" } else { key }, wanted, found);
+        }
+        self.error(span, "syntax", "a TOML recipe", message.replace('\n', "; "))
+    }
+}

@@ -1,0 +1,185 @@
+//! How good a response is: strokes that it was not baked for, relit from the bytes that ship.
+
+use super::{TestStroke, in_26_directions};
+use crate::error::BakeError;
+use glam::DVec3;
+use rayon::prelude::*;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::response::ChannelBasis;
+use squall_formats::sphere::{self, MAX_HARMONICS};
+use squall_runtime::random::Random;
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit};
+use squall_runtime::stroke::Stroke;
+use squall_runtime::transport::Cloud;
+
+/// Errors of relit light against a truth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RelitError {
+    /// √Σ(x−r)² / √Σr² over cells and directions, weighted by the directions' share of the sphere.
+    pub l2: f64,
+    /// 99.9th percentile of |x−r| over the largest r.
+    pub tail: f64,
+    /// Median of |x−r|/r where r is above 10⁻⁴ of the largest.
+    pub median: f64,
+}
+
+/// What test strokes say of a response.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Verdict {
+    /// Relit from the written bytes, against the same rows before compression.
+    pub codec: RelitError,
+    /// Relit from the written bytes, against the stroke solved directly; all light, direct light included.
+    pub stroke: RelitError,
+}
+
+/// Relights every test stroke from `relighter`'s bytes. Each figure is the root mean square (L2) or the mean (tail, median)
+/// over strokes.
+pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Verdict, BakeError> {
+    let each: Vec<Result<Verdict, BakeError>> =
+        tests.par_iter().map(|test| judge_one(relighter, test)).collect();
+    let (mut sum, mut count) = (Verdict::default(), 0.0f64);
+    for verdict in each {
+        let verdict = verdict?;
+        for (to, from) in [(&mut sum.codec, verdict.codec), (&mut sum.stroke, verdict.stroke)] {
+            to.l2 += from.l2 * from.l2;
+            to.tail += from.tail;
+            to.median += from.median;
+        }
+        count += 1.0;
+    }
+    for part in [&mut sum.codec, &mut sum.stroke] {
+        part.l2 = libm::sqrt(part.l2 / count.max(1.0));
+        part.tail /= count.max(1.0);
+        part.median /= count.max(1.0);
+    }
+    Ok(sum)
+}
+
+fn judge_one(relighter: &Relighter<'_>, test: &TestStroke) -> Result<Verdict, BakeError> {
+    let mut buffers = RelightBuffers::default();
+    let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers)?;
+    let mut shown = spread(&relit);
+    let unpacked = spread(&Relit { planes: &test.uncompressed, ..relit });
+    let codec = compare(&shown, &unpacked);
+    for (value, direct) in shown.iter_mut().zip(&test.direct) {
+        *value += direct;
+    }
+    Ok(Verdict { codec, stroke: compare(&shown, &test.truth) })
+}
+
+/// Channels to values in the 26 directions, 26 a cell.
+fn spread(relit: &Relit<'_>) -> Vec<f32> {
+    let channels = relit.basis.count();
+    match relit.basis {
+        ChannelBasis::Directions26 => {
+            (0..relit.cells * 26).map(|i| relit.planes[i % 26 * relit.cells + i / 26]).collect()
+        }
+        ChannelBasis::Harmonics { .. } => {
+            let mut coefficients = vec![0.0f32; relit.cells * MAX_HARMONICS];
+            for cell in 0..relit.cells {
+                for channel in 0..channels {
+                    coefficients[cell * MAX_HARMONICS + channel] = relit.planes[channel * relit.cells + cell];
+                }
+            }
+            in_26_directions(&coefficients)
+        }
+    }
+}
+
+/// Errors of `found` against `wanted`, both 26 values a cell.
+pub fn compare(found: &[f32], wanted: &[f32]) -> RelitError {
+    let weights = sphere::weights_26();
+    let peak = wanted.iter().fold(0.0f32, |peak, &v| peak.max(v.abs()));
+    let (mut square, mut wanted_square) = (0.0, 0.0);
+    let (mut differences, mut relative) = (Vec::with_capacity(wanted.len()), Vec::new());
+    for (i, (&x, &r)) in found.iter().zip(wanted).enumerate() {
+        let difference = f64::from(x - r);
+        square += weights[i % 26] * difference * difference;
+        wanted_square += weights[i % 26] * f64::from(r) * f64::from(r);
+        differences.push((x - r).abs());
+        if r > 1e-4 * peak {
+            relative.push((x - r).abs() / r);
+        }
+    }
+    if peak == 0.0 {
+        return RelitError::default();
+    }
+    let pick = |values: &mut Vec<f32>, share: f64| -> f64 {
+        let at = ((values.len() as f64 - 1.0) * share) as usize;
+        f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+    };
+    RelitError {
+        l2: libm::sqrt(square / wanted_square),
+        tail: pick(&mut differences, 0.999) / f64::from(peak),
+        median: pick(&mut relative, 0.5),
+    }
+}
+
+/// Strokes grown at random between points of the reach that lie in or under the cloud; half of them run to the reach's floor.
+/// Points are `spacing` metres apart. The same seed gives the same strokes.
+pub fn test_strokes(
+    cloud: &Cloud,
+    reach: [DVec3; 2],
+    usable: impl Fn(DVec3) -> bool,
+    spacing: f64,
+    count: usize,
+) -> Vec<Vec<LampPoint>> {
+    /// Tries for each stroke before it is given up.
+    const TRIES: u64 = 200;
+    let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
+    let extinction = |point: DVec3| -> f32 {
+        let cell: [f64; 3] =
+            std::array::from_fn(|axis| ((point[axis] - cloud.origin_m[axis]) / cloud.cell_m[axis]).floor());
+        let counts = cloud.shape.to_array();
+        if (0..3).any(|axis| cell[axis] < 0.0 || cell[axis] >= counts[axis] as f64) {
+            return 0.0;
+        }
+        cloud.extinction[cloud.shape.index(cell[0] as usize, cell[1] as usize, cell[2] as usize)]
+    };
+    let [low, high] = reach;
+    let mut strokes = Vec::new();
+    for number in 0..count as u64 {
+        for attempt in 0..TRIES {
+            let mut random = Random::from_parts(&[0x7e57, number, attempt]);
+            let mut place = || {
+                DVec3::new(
+                    random.range(low.x, high.x),
+                    random.range(low.y, high.y),
+                    random.range(low.z, high.z),
+                )
+            };
+            let (from, mut to) = (place(), place());
+            if number % 2 == 1 {
+                to.z = low.z;
+            }
+            if extinction(from) < 0.1 * densest {
+                continue;
+            }
+            let record = StrokeRecord {
+                name: String::new(),
+                seed: number * TRIES + attempt,
+                from_m: from.to_array(),
+                to_m: to.to_array(),
+                segment_m: from.distance(to) / 60.0,
+                turn_rad: 0.28,
+                wander: 0.15,
+                branching: 0.1,
+                branch_rad: 0.6,
+                branch_length: 0.5,
+                max_order: 2,
+                branch_intensity: 0.4,
+                intensity_w_per_sr: 1.0,
+                color: [1.0; 3],
+            };
+            if record.check().is_err() {
+                continue;
+            }
+            let lamps = Stroke::grow(&record).lamps(spacing);
+            if lamps.iter().all(|lamp| usable(lamp.position)) {
+                strokes.push(lamps);
+                break;
+            }
+        }
+    }
+    strokes
+}
