@@ -2,3 +2,5 @@
 
 #[cfg(test)]
 mod rain;
+#[cfg(test)]
+mod rain_picture;

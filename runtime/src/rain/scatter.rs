@@ -9,8 +9,13 @@ use crate::picture::Picture;
 
 /// Tile width and height, px: the accumulators of one tile fit a core's own cache, and a streak of a hundred
 /// pixels crosses few of them.
-const TILE: [usize; 2] = [64, 32];
-const TILE_PIXELS: usize = TILE[0] * TILE[1];
+const TILE: [usize; 2] = [32, 32];
+/// Pixels that are worked on together, one vector register wide; drawn spans are padded to whole blocks.
+const BLOCK: usize = 4;
+/// A row of accumulators has room for a block that starts on its last pixel.
+const STRIDE: usize = TILE[0] + BLOCK;
+const PLANE: usize = STRIDE * TILE[1];
+const LANES: [f32; BLOCK] = [0.0, 1.0, 2.0, 3.0];
 
 /// What streaks are drawn with and into.
 pub struct Scene<'a, K, L> {
@@ -39,16 +44,14 @@ pub(super) struct Canvas {
 /// One band's accumulators, for a tile at a time.
 #[derive(Clone, Debug)]
 struct Band {
-    /// Light of the streaks, three channels, and the share of background that they leave.
-    layers: Vec<[f32; 4]>,
+    /// Four planes: light of the streaks, three channels, and the share of background that they leave.
+    layers: Vec<f32>,
     span: [f32; TILE[0]],
 }
 
-const CLEAR: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
-
 impl Default for Band {
     fn default() -> Self {
-        Self { layers: vec![CLEAR; TILE_PIXELS], span: [0.0; TILE[0]] }
+        Self { layers: vec![0.0; 4 * PLANE], span: [0.0; TILE[0]] }
     }
 }
 
@@ -182,7 +185,7 @@ impl Canvas {
         self.radiance.capacity() * size_of::<[f32; 3]>()
             + self.boxes.capacity() * size_of::<TileBox>()
             + (self.starts.capacity() + self.order.capacity() + self.mask.capacity()) * 4
-            + self.bands.capacity() * (size_of::<Band>() + TILE_PIXELS * size_of::<[f32; 4]>())
+            + self.bands.capacity() * (size_of::<Band>() + 4 * PLANE * size_of::<f32>())
     }
 
     /// Each streak's light and tiles.
@@ -250,50 +253,80 @@ impl Band {
         mine: &[u32],
         tile: Tile,
     ) {
-        self.layers.fill(CLEAR);
+        let (light, kept) = self.layers.split_at_mut(3 * PLANE);
+        light.fill(0.0);
+        kept.fill(1.0);
+        let (left, top) = (tile.x as f64 + 0.5, tile.y as f64 + 0.5);
         for &index in mine {
             let streak = &list.streaks[index as usize];
             let radiance = list.radiance[index as usize];
             let footprint = streak.footprint();
             let prepared = scene.kernel.prepare(&footprint);
-            let [along, across] = scene.kernel.reach(&prepared);
             let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            let strips = Strips::new(&footprint.centre, footprint.axis, along, across);
             let depth = scene.depth.map(|buffer| (DepthLine::new(streak, &footprint), buffer));
-            let (top, bottom) = strips.rows();
-            let rows = cut(top - tile.y as f64, bottom - tile.y as f64, tile.height);
-            for row in rows {
-                let y = (tile.y + row) as f64 + 0.5;
-                let (low, high) = strips.row(y);
-                let columns = cut(low - tile.x as f64, high - tile.x as f64, tile.width);
-                if columns.is_empty() {
+            let mut intervals = Intervals::new(&footprint, scene.kernel.reach(&prepared), tile);
+            for row in intervals.first_row..intervals.end_row {
+                let (first, end) = intervals.next_row();
+                if first >= end {
                     continue;
                 }
-                let x = (tile.x + columns.start) as f64 + 0.5;
-                let span = &mut self.span[..columns.len()];
-                scene.kernel.span(&prepared, x, y, span);
+                let (first, count) = (first as usize, (end - first) as usize);
+                let x = left + first as i32 as f64;
+                let y = top + f64::from(row);
+                scene.kernel.span(&prepared, x, y, &mut self.span[..count.next_multiple_of(BLOCK)]);
                 if let Some((depth, buffer)) = &depth {
-                    for (i, share) in span.iter_mut().enumerate() {
-                        let (px, py) = (tile.x + columns.start + i, tile.y + row);
+                    for (i, share) in self.span[..count].iter_mut().enumerate() {
+                        let (px, py) = (tile.x + first + i, tile.y + row as usize);
                         if *share > 0.0 && depth.hidden(secants, buffer, px, py) {
                             *share = 0.0;
                         }
                     }
                 }
-                let from = row * TILE[0] + columns.start;
-                for (&share, layer) in span.iter().zip(&mut self.layers[from..from + columns.len()]) {
-                    // `max` makes a kernel's NaN draw nothing, which `clamp` would hand on.
-                    let alpha = (strength * share).max(0.0);
-                    let alpha = if alpha > 1.0 { 1.0 } else { alpha };
-                    let kept = 1.0 - alpha;
-                    *layer = [
-                        layer[0] * kept + alpha * radiance[0],
-                        layer[1] * kept + alpha * radiance[1],
-                        layer[2] * kept + alpha * radiance[2],
-                        layer[3] * kept,
-                    ];
-                }
+                self.lay(row as usize * STRIDE + first, count, strength, radiance);
             }
+        }
+    }
+
+    /// Lays the first `count` shares of the span over the accumulators from place `from` on.
+    ///
+    /// Most rows of most streaks are one block. Longer ones go elsewhere, so that the compiler does not set up
+    /// a loop over many blocks for each of them.
+    #[inline(always)]
+    fn lay(&mut self, from: usize, count: usize, strength: f32, radiance: [f32; 3]) {
+        self.lay_block(0, from, count, strength, radiance);
+        if count > BLOCK {
+            self.lay_more(from, count, strength, radiance);
+        }
+    }
+
+    #[inline(never)]
+    fn lay_more(&mut self, from: usize, count: usize, strength: f32, radiance: [f32; 3]) {
+        for start in (BLOCK..count).step_by(BLOCK) {
+            self.lay_block(start, from, count, strength, radiance);
+        }
+    }
+
+    #[inline(always)]
+    fn lay_block(&mut self, start: usize, from: usize, count: usize, strength: f32, radiance: [f32; 3]) {
+        let left = (count - start) as u32 as f32;
+        let shares = self.span.get(start..).and_then(<[f32]>::first_chunk::<BLOCK>);
+        let layers = self.layers.get_mut(from + start..);
+        let layers = layers.and_then(<[f32]>::first_chunk_mut::<{ 3 * PLANE + BLOCK }>);
+        let (Some(shares), Some(layers)) = (shares, layers) else { return };
+        let mut alpha = [0.0; BLOCK];
+        for lane in 0..BLOCK {
+            // A kernel's NaN fails the comparison and draws nothing; so does what pads the block.
+            let value = strength * shares[lane];
+            let value = if value > 0.0 { value } else { 0.0 };
+            let value = if value < 1.0 { value } else { 1.0 };
+            alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
+        }
+        for lane in 0..BLOCK {
+            let keep = 1.0 - alpha[lane];
+            layers[lane] = layers[lane] * keep + alpha[lane] * radiance[0];
+            layers[PLANE + lane] = layers[PLANE + lane] * keep + alpha[lane] * radiance[1];
+            layers[2 * PLANE + lane] = layers[2 * PLANE + lane] * keep + alpha[lane] * radiance[2];
+            layers[3 * PLANE + lane] *= keep;
         }
     }
 
@@ -302,64 +335,77 @@ impl Band {
         for row in 0..tile.height {
             let from = row * width + tile.x;
             for column in 0..tile.width {
-                let [red, green, blue, kept] = self.layers[row * TILE[0] + column];
+                let at = row * STRIDE + column;
+                let kept = self.layers[3 * PLANE + at];
                 mask[from + column] = 1.0 - kept;
                 // Where nothing was drawn the pixel stays as it is, infinite or not.
                 if kept < 1.0 {
                     let pixel = &mut pixels[from + column];
-                    *pixel = [pixel[0] * kept + red, pixel[1] * kept + green, pixel[2] * kept + blue];
+                    for channel in 0..3 {
+                        pixel[channel] = pixel[channel] * kept + self.layers[channel * PLANE + at];
+                    }
                 }
             }
         }
     }
 }
 
-/// The whole pixels of 0…`limit` whose centres lie between `low` and `high`.
-#[inline(always)]
-fn cut(low: f64, high: f64, limit: usize) -> std::ops::Range<usize> {
-    // Casts round toward zero and saturate; both ends are positive by then.
-    let first = (low + 0.5).clamp(0.0, limit as f64) as usize;
-    let end = (high + 0.5).clamp(0.0, limit as f64) as usize;
-    first..end.max(first)
+/// Columns of a tile that a turned box covers, row after row, in fixed point: no rounding of a float per row.
+///
+/// The box is the overlap of two strips, along and across the streak; each strip's overlap with a row is an
+/// interval whose two ends move by the same slope from row to row.
+struct Intervals {
+    first_row: i32,
+    end_row: i32,
+    width: i64,
+    /// Per strip: first x and end x in the row at hand, and their slope.
+    strips: [[i64; 3]; 2],
 }
 
-/// A kernel's box, turned: two strips, whose overlap with a row of pixels is an interval. Both ends of a
-/// strip's interval move by the same slope from row to row.
-struct Strips {
-    centre: [f64; 2],
-    /// Per strip: slope of its ends in x per row, half its width in x; infinite for a strip along the rows.
-    ends: [[f64; 2]; 2],
-    half_height: f64,
-}
+impl Intervals {
+    /// Fraction bits; what is left of 64 holds 5e11 pixels, more than a strip almost along the rows can reach.
+    const BITS: u32 = 24;
+    const ONE: f64 = (1u64 << Self::BITS) as f64;
+    const FARTHEST: f64 = 1e11;
 
-impl Strips {
-    fn new(centre: &[f64; 2], axis: [f64; 2], along: f64, across: f64) -> Self {
-        let [ux, uy] = axis;
+    fn new(footprint: &Footprint, [along, across]: [f64; 2], tile: Tile) -> Self {
+        let [ux, uy] = footprint.axis;
+        let (x, y) = (footprint.centre[0] - tile.x as f64, footprint.centre[1] - tile.y as f64);
+        let half_height = along * uy.abs() + across * ux.abs();
+        // Rows whose centres lie within the box: casts round toward zero, so from zero up they round down.
+        let row = |y: f64| (y + 0.5).clamp(0.0, tile.height as f64) as i32;
+        let (first_row, end_row) = (row(y - half_height), row(y + half_height));
+        let dy = f64::from(first_row) + 0.5 - y;
         // |n dx + m dy| ≤ reach
-        let strip = |n: f64, m: f64, reach: f64| match n.abs() > 1e-9 {
-            true => [-m / n, reach / n.abs()],
-            false => [0.0, f64::INFINITY],
+        let strip = |n: f64, m: f64, reach: f64| {
+            let per_n = 1.0 / n;
+            // Along the rows a strip bounds nothing that the rows do not.
+            let (slope, half) =
+                if n.abs() > 1e-6 { (-m * per_n, reach * per_n.abs()) } else { (0.0, Self::FARTHEST) };
+            let middle = x + slope * dy;
+            let far = |value: f64| value.clamp(-2.0 * Self::FARTHEST, 2.0 * Self::FARTHEST);
+            [far(middle - half + 0.5), far(middle + half + 0.5), slope]
+                .map(|value| (value * Self::ONE) as i64)
         };
         Self {
-            centre: *centre,
-            ends: [strip(uy, -ux, across), strip(ux, uy, along)],
-            half_height: along * uy.abs() + across * ux.abs(),
+            first_row,
+            end_row,
+            width: tile.width as i64,
+            strips: [strip(uy, -ux, across), strip(ux, uy, along)],
         }
     }
 
-    /// First and last y that the box touches.
-    fn rows(&self) -> (f64, f64) {
-        (self.centre[1] - self.half_height, self.centre[1] + self.half_height)
-    }
-
-    /// First and last x of the box in the row with centre `y`, a row that it touches.
+    /// First and end column of the row at hand, and on to the next row.
     #[inline(always)]
-    fn row(&self, y: f64) -> (f64, f64) {
-        let dy = y - self.centre[1];
-        let [[slope, half], [slope2, half2]] = self.ends;
-        let low = (slope * dy - half).max(slope2 * dy - half2);
-        let high = (slope * dy + half).min(slope2 * dy + half2);
-        (self.centre[0] + low, self.centre[0] + high)
+    fn next_row(&mut self) -> (i64, i64) {
+        let [[first, end, slope], [first2, end2, slope2]] = &mut self.strips;
+        let low = (*first).max(*first2) >> Self::BITS;
+        let high = (*end).min(*end2) >> Self::BITS;
+        *first += *slope;
+        *end += *slope;
+        *first2 += *slope2;
+        *end2 += *slope2;
+        (low.max(0), high.min(self.width))
     }
 }
 
