@@ -27,6 +27,7 @@ mod search;
 pub mod shelter;
 mod streak;
 pub mod volume;
+mod window;
 
 use crate::camera::{Camera, Projection};
 use crate::density::check_view;
@@ -39,12 +40,13 @@ use squall_formats::units::{MillimetresPerHour, Seconds};
 use std::ops::Range;
 use streak::Lens;
 
-pub use kernel::{Footprint, Kernel, SmoothWindow};
+pub use kernel::{Clip, Footprint, Kernel, Span};
 pub use light::{Environment, Light};
 pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
 pub use streak::Streak;
 pub use volume::{Ceiling, RainVolume, Region};
+pub use window::SmoothWindow;
 
 /// The weather at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,7 +123,7 @@ pub struct Rain {
 }
 
 /// Memory for one camera's frames: a frame allocates nothing that an earlier one of its kind has left here.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Workspace {
     searches: Vec<Search>,
     tasks: Vec<Task>,

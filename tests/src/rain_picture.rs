@@ -9,8 +9,8 @@ use squall_runtime::depth::{DepthBuffer, DepthKind};
 use squall_runtime::medium::Medium;
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{
-    Ceiling, Environment, RainVolume, Region, Scene, Shelter, ShelterMap, Shot, SmoothWindow, Weather,
-    Workspace,
+    Ceiling, Clip, Environment, Footprint, Kernel, RainVolume, Region, Scene, Shelter, ShelterMap, Shot,
+    SmoothWindow, Span, Weather, Workspace,
 };
 
 #[test]
@@ -205,4 +205,61 @@ fn it_does_not_rain_under_a_roof_nor_above_the_ceiling() {
     let region = Some(Region { centre: [500.0, 0.0], radius: Metres(100.0), softness: Metres(50.0) });
     let elsewhere = Weather { volume: RainVolume { ceiling: None, region }, ..weather };
     assert!(rain.find(&shot, &elsewhere, None, &mut workspace).unwrap().is_empty());
+}
+
+/// A kernel of another kind: an even box over its bounds, worked out in a patch of memory of its own.
+struct Patch;
+
+impl Kernel for Patch {
+    type Scratch = Vec<f32>;
+
+    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
+        let half = [0, 1].map(|axis| 0.5 * footprint.length * footprint.axis[axis].abs() + 1.0);
+        let edge = |axis: usize, side: f64| libm::floor(footprint.centre[axis] + side * half[axis]) as i32;
+        Some(Clip {
+            left: edge(0, -1.0),
+            top: edge(1, -1.0),
+            right: edge(0, 1.0) + 1,
+            bottom: edge(1, 1.0) + 1,
+        })
+    }
+
+    fn draw(&self, footprint: &Footprint, clip: Clip, scratch: &mut Vec<f32>, put: &mut impl FnMut(Span)) {
+        let Some(Clip { left, top, right, bottom }) = self.bounds(footprint) else { return };
+        let share = 1.0 / ((right - left) * (bottom - top)) as f32;
+        let (x, end) = (left.max(clip.left), right.min(clip.right));
+        if x >= end {
+            return;
+        }
+        let count = (end - x) as usize;
+        scratch.clear();
+        scratch.resize(count.next_multiple_of(4), share);
+        for y in top.max(clip.top)..bottom.min(clip.bottom) {
+            put(Span { x, y, count, shares: scratch });
+        }
+    }
+}
+
+#[test]
+fn coverage_is_the_drops_whatever_the_kernel() {
+    let camera = camera(DVec3::Z, DVec3::new(1.0, 0.0, 0.3), DVec3::Z, 50.0, [320, 180]);
+    let shot = Shot { min_px: 8.0, ..Shot::new(&camera, T20) };
+    let mut workspace = Workspace::new();
+    let mut sum = |smooth: bool, gain: f64| {
+        let weather = Weather::steady(rate(50.0), DVec3::ZERO, Seconds(1.0));
+        rain().find(&shot, &weather, None, &mut workspace).unwrap();
+        let light = Environment::default();
+        let mut picture = Picture::new(320, 180).unwrap();
+        if smooth {
+            let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain };
+            workspace.draw(&shot, &scene, &mut picture).unwrap();
+        } else {
+            let scene = Scene { depth: None, kernel: &Patch, light: &light, gain };
+            workspace.draw(&shot, &scene, &mut picture).unwrap();
+        }
+        workspace.mask().iter().map(|&alpha| f64::from(alpha)).sum::<f64>()
+    };
+    // What the picture's border cuts off differs between kernels; a small gain keeps overlaps from counting.
+    let ratio = sum(true, 0.01) / sum(false, 0.01);
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
 }

@@ -1,11 +1,13 @@
 //! Draws streaks: into bands of rows, band by band and tile by tile, so that a pixel is written by one thread
 //! and sees its streaks in the order of the list.
 
-use super::{Footprint, Kernel, Light, Shot, Streak, Workspace};
+use super::kernel::{Clip, Footprint, Kernel, Span};
+use super::{Light, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::picture::Picture;
+use std::any::Any;
 
 /// Tile width and height, px: the accumulators of one tile fit a core's own cache, and a streak of a hundred
 /// pixels crosses few of them.
@@ -30,7 +32,7 @@ pub struct Scene<'a, K, L> {
 }
 
 /// Reusable memory for drawing.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Canvas {
     radiance: Vec<[f32; 3]>,
     boxes: Vec<TileBox>,
@@ -42,16 +44,17 @@ pub(super) struct Canvas {
 }
 
 /// One band's accumulators, for a tile at a time.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Band {
     /// Four planes: light of the streaks, three channels, and the share of background that they leave.
     layers: Vec<f32>,
-    span: [f32; TILE[0]],
+    /// The kernel's working memory: whatever type the last kernel had.
+    scratch: Box<dyn Any + Send>,
 }
 
 impl Default for Band {
     fn default() -> Self {
-        Self { layers: vec![0.0; 4 * PLANE], span: [0.0; TILE[0]] }
+        Self { layers: vec![0.0; 4 * PLANE], scratch: Box::new(()) }
     }
 }
 
@@ -61,18 +64,13 @@ const NOWHERE: TileBox = [1, 0, 1, 0];
 
 /// The tiles that a streak's kernel can touch.
 fn tiles_of<K: Kernel>(kernel: &K, footprint: &Footprint, grid: [usize; 2]) -> TileBox {
-    let [along, across] = kernel.reach(&kernel.prepare(footprint));
-    let [ux, uy] = footprint.axis.map(f64::abs);
-    let half = [along * ux + across * uy, along * uy + across * ux];
+    let Some(Clip { left, top, right, bottom }) = kernel.bounds(footprint) else { return NOWHERE };
     let mut tiles = NOWHERE;
-    for axis in 0..2 {
-        let size = TILE[axis] as f64;
-        let first = (footprint.centre[axis] - half[axis]) / size;
-        let last = (footprint.centre[axis] + half[axis]) / size;
-        if !(last >= 0.0 && first < grid[axis] as f64) {
+    for (axis, (low, end)) in [(left, right), (top, bottom)].into_iter().enumerate() {
+        let (first, last) = (low.max(0) / TILE[axis] as i32, end.saturating_sub(1) / TILE[axis] as i32);
+        if end <= low || end <= 0 || first as usize >= grid[axis] {
             return NOWHERE;
         }
-        // Casts round toward zero and saturate.
         tiles[2 * axis] = first as u32;
         tiles[2 * axis + 1] = (last as u32).min(grid[axis] as u32 - 1);
     }
@@ -128,6 +126,12 @@ impl Workspace {
         let rows = size[0] * TILE[1];
         let secants = camera.secants();
         let paint = |(index, ((band, pixels), mask)): Job| {
+            let Band { layers, scratch } = band;
+            if !scratch.is::<K::Scratch>() {
+                *scratch = Box::new(K::Scratch::default());
+            }
+            let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
+            let mut brush = Brush { layers, scratch, secants: &secants, scene };
             for column in 0..grid[0] {
                 let tile = Tile {
                     x: column * TILE[0],
@@ -136,8 +140,8 @@ impl Workspace {
                     height: pixels.len() / size[0],
                 };
                 let mine = list.of(index * grid[0] + column);
-                band.paint_tile(&secants, scene, &list, mine, tile);
-                band.apply(tile, size[0], pixels, mask);
+                brush.paint_tile(&list, mine, tile);
+                brush.apply(tile, size[0], pixels, mask);
             }
         };
         #[cfg(feature = "rayon")]
@@ -164,6 +168,14 @@ struct Tile {
     y: usize,
     width: usize,
     height: usize,
+}
+
+impl Tile {
+    fn clip(self) -> Clip {
+        // Pictures have at most 2²⁸ pixels.
+        let [left, top] = [self.x as i32, self.y as i32];
+        Clip { left, top, right: left + self.width as i32, bottom: top + self.height as i32 }
+    }
 }
 
 /// Streaks with their light, and who is in which tile.
@@ -244,89 +256,48 @@ impl Canvas {
     }
 }
 
-impl Band {
-    fn paint_tile<K: Kernel, L>(
-        &mut self,
-        secants: &Secants,
-        scene: &Scene<K, L>,
-        list: &TileList,
-        mine: &[u32],
-        tile: Tile,
-    ) {
-        let (light, kept) = self.layers.split_at_mut(3 * PLANE);
+/// What paints one band, tile by tile.
+struct Brush<'a, K: Kernel, L> {
+    layers: &'a mut Vec<f32>,
+    scratch: &'a mut K::Scratch,
+    secants: &'a Secants,
+    scene: &'a Scene<'a, K, L>,
+}
+
+impl<K: Kernel, L> Brush<'_, K, L> {
+    fn paint_tile(&mut self, list: &TileList, mine: &[u32], tile: Tile) {
+        let Self { layers, scratch, secants, scene } = self;
+        let (light, kept) = layers.split_at_mut(3 * PLANE);
         light.fill(0.0);
         kept.fill(1.0);
-        let (left, top) = (tile.x as f64 + 0.5, tile.y as f64 + 0.5);
+        let clip = tile.clip();
         for &index in mine {
             let streak = &list.streaks[index as usize];
             let radiance = list.radiance[index as usize];
             let footprint = streak.footprint();
-            let prepared = scene.kernel.prepare(&footprint);
             let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            let depth = scene.depth.map(|buffer| (DepthLine::new(streak, &footprint), buffer));
-            let mut intervals = Intervals::new(&footprint, scene.kernel.reach(&prepared), tile);
-            for row in intervals.first_row..intervals.end_row {
-                let (first, end) = intervals.next_row();
-                if first >= end {
-                    continue;
-                }
-                let (first, count) = (first as usize, (end - first) as usize);
-                let x = left + first as i32 as f64;
-                let y = top + f64::from(row);
-                scene.kernel.span(&prepared, x, y, &mut self.span[..count.next_multiple_of(BLOCK)]);
-                if let Some((depth, buffer)) = &depth {
-                    for (i, share) in self.span[..count].iter_mut().enumerate() {
-                        let (px, py) = (tile.x + first + i, tile.y + row as usize);
-                        if *share > 0.0 && depth.hidden(secants, buffer, px, py) {
-                            *share = 0.0;
+            let layers = layers.as_mut_slice();
+            let at = |span: &Span| (span.y - clip.top) as usize * STRIDE + (span.x - clip.left) as usize;
+            match &scene.depth {
+                None => scene.kernel.draw(&footprint, clip, scratch, &mut |span| {
+                    lay(layers, at(&span), span.count, span.shares, strength, radiance);
+                }),
+                Some(buffer) => {
+                    let line = DepthLine::new(streak, &footprint);
+                    scene.kernel.draw(&footprint, clip, scratch, &mut |span| {
+                        let mut seen = [0.0; TILE[0]];
+                        for (i, (seen, &share)) in
+                            seen.iter_mut().zip(span.shares).take(span.count).enumerate()
+                        {
+                            let (x, y) = (span.x as usize + i, span.y as usize);
+                            if share > 0.0 && !line.hidden(secants, buffer, x, y) {
+                                *seen = share;
+                            }
                         }
-                    }
+                        lay(layers, at(&span), span.count, &seen, strength, radiance);
+                    });
                 }
-                self.lay(row as usize * STRIDE + first, count, strength, radiance);
             }
-        }
-    }
-
-    /// Lays the first `count` shares of the span over the accumulators from place `from` on.
-    ///
-    /// Most rows of most streaks are one block. Longer ones go elsewhere, so that the compiler does not set up
-    /// a loop over many blocks for each of them.
-    #[inline(always)]
-    fn lay(&mut self, from: usize, count: usize, strength: f32, radiance: [f32; 3]) {
-        self.lay_block(0, from, count, strength, radiance);
-        if count > BLOCK {
-            self.lay_more(from, count, strength, radiance);
-        }
-    }
-
-    #[inline(never)]
-    fn lay_more(&mut self, from: usize, count: usize, strength: f32, radiance: [f32; 3]) {
-        for start in (BLOCK..count).step_by(BLOCK) {
-            self.lay_block(start, from, count, strength, radiance);
-        }
-    }
-
-    #[inline(always)]
-    fn lay_block(&mut self, start: usize, from: usize, count: usize, strength: f32, radiance: [f32; 3]) {
-        let left = (count - start) as u32 as f32;
-        let shares = self.span.get(start..).and_then(<[f32]>::first_chunk::<BLOCK>);
-        let layers = self.layers.get_mut(from + start..);
-        let layers = layers.and_then(<[f32]>::first_chunk_mut::<{ 3 * PLANE + BLOCK }>);
-        let (Some(shares), Some(layers)) = (shares, layers) else { return };
-        let mut alpha = [0.0; BLOCK];
-        for lane in 0..BLOCK {
-            // A kernel's NaN fails the comparison and draws nothing; so does what pads the block.
-            let value = strength * shares[lane];
-            let value = if value > 0.0 { value } else { 0.0 };
-            let value = if value < 1.0 { value } else { 1.0 };
-            alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
-        }
-        for lane in 0..BLOCK {
-            let keep = 1.0 - alpha[lane];
-            layers[lane] = layers[lane] * keep + alpha[lane] * radiance[0];
-            layers[PLANE + lane] = layers[PLANE + lane] * keep + alpha[lane] * radiance[1];
-            layers[2 * PLANE + lane] = layers[2 * PLANE + lane] * keep + alpha[lane] * radiance[2];
-            layers[3 * PLANE + lane] *= keep;
         }
     }
 
@@ -350,62 +321,59 @@ impl Band {
     }
 }
 
-/// Columns of a tile that a turned box covers, row after row, in fixed point: no rounding of a float per row.
+/// Lays the first `count` shares of a span over the accumulators from place `from` on.
 ///
-/// The box is the overlap of two strips, along and across the streak; each strip's overlap with a row is an
-/// interval whose two ends move by the same slope from row to row.
-struct Intervals {
-    first_row: i32,
-    end_row: i32,
-    width: i64,
-    /// Per strip: first x and end x in the row at hand, and their slope.
-    strips: [[i64; 3]; 2],
+/// Most spans are one block. Longer ones go elsewhere, so that the compiler does not set up a loop over many
+/// blocks for each of them.
+#[inline(always)]
+fn lay(layers: &mut [f32], from: usize, count: usize, shares: &[f32], strength: f32, radiance: [f32; 3]) {
+    lay_block(layers, from, count, shares, strength, radiance);
+    if count > BLOCK {
+        lay_more(layers, from, count, shares, strength, radiance);
+    }
 }
 
-impl Intervals {
-    /// Fraction bits; what is left of 64 holds 5e11 pixels, more than a strip almost along the rows can reach.
-    const BITS: u32 = 24;
-    const ONE: f64 = (1u64 << Self::BITS) as f64;
-    const FARTHEST: f64 = 1e11;
-
-    fn new(footprint: &Footprint, [along, across]: [f64; 2], tile: Tile) -> Self {
-        let [ux, uy] = footprint.axis;
-        let (x, y) = (footprint.centre[0] - tile.x as f64, footprint.centre[1] - tile.y as f64);
-        let half_height = along * uy.abs() + across * ux.abs();
-        // Rows whose centres lie within the box: casts round toward zero, so from zero up they round down.
-        let row = |y: f64| (y + 0.5).clamp(0.0, tile.height as f64) as i32;
-        let (first_row, end_row) = (row(y - half_height), row(y + half_height));
-        let dy = f64::from(first_row) + 0.5 - y;
-        // |n dx + m dy| ≤ reach
-        let strip = |n: f64, m: f64, reach: f64| {
-            let per_n = 1.0 / n;
-            // Along the rows a strip bounds nothing that the rows do not.
-            let (slope, half) =
-                if n.abs() > 1e-6 { (-m * per_n, reach * per_n.abs()) } else { (0.0, Self::FARTHEST) };
-            let middle = x + slope * dy;
-            let far = |value: f64| value.clamp(-2.0 * Self::FARTHEST, 2.0 * Self::FARTHEST);
-            [far(middle - half + 0.5), far(middle + half + 0.5), slope]
-                .map(|value| (value * Self::ONE) as i64)
-        };
-        Self {
-            first_row,
-            end_row,
-            width: tile.width as i64,
-            strips: [strip(uy, -ux, across), strip(ux, uy, along)],
-        }
+#[inline(never)]
+fn lay_more(
+    layers: &mut [f32],
+    from: usize,
+    count: usize,
+    shares: &[f32],
+    strength: f32,
+    radiance: [f32; 3],
+) {
+    for start in (BLOCK..count).step_by(BLOCK) {
+        let rest = shares.get(start..).unwrap_or_default();
+        lay_block(layers, from + start, count - start, rest, strength, radiance);
     }
+}
 
-    /// First and end column of the row at hand, and on to the next row.
-    #[inline(always)]
-    fn next_row(&mut self) -> (i64, i64) {
-        let [[first, end, slope], [first2, end2, slope2]] = &mut self.strips;
-        let low = (*first).max(*first2) >> Self::BITS;
-        let high = (*end).min(*end2) >> Self::BITS;
-        *first += *slope;
-        *end += *slope;
-        *first2 += *slope2;
-        *end2 += *slope2;
-        (low.max(0), high.min(self.width))
+#[inline(always)]
+fn lay_block(
+    layers: &mut [f32],
+    from: usize,
+    count: usize,
+    shares: &[f32],
+    strength: f32,
+    radiance: [f32; 3],
+) {
+    let layers = layers.get_mut(from..).and_then(<[f32]>::first_chunk_mut::<{ 3 * PLANE + BLOCK }>);
+    let (Some(shares), Some(layers)) = (shares.first_chunk::<BLOCK>(), layers) else { return };
+    let left = count as u32 as f32;
+    let mut alpha = [0.0; BLOCK];
+    for lane in 0..BLOCK {
+        // A kernel's NaN fails the comparison and draws nothing; so does what pads the block.
+        let value = strength * shares[lane];
+        let value = if value > 0.0 { value } else { 0.0 };
+        let value = if value < 1.0 { value } else { 1.0 };
+        alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
+    }
+    for lane in 0..BLOCK {
+        let keep = 1.0 - alpha[lane];
+        layers[lane] = layers[lane] * keep + alpha[lane] * radiance[0];
+        layers[PLANE + lane] = layers[PLANE + lane] * keep + alpha[lane] * radiance[1];
+        layers[2 * PLANE + lane] = layers[2 * PLANE + lane] * keep + alpha[lane] * radiance[2];
+        layers[3 * PLANE + lane] *= keep;
     }
 }
 
