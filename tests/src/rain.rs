@@ -52,7 +52,7 @@ fn inside(streaks: &[Streak]) -> usize {
 }
 
 proptest! {
-    /// The issue asks for half a percent; the tables promise 1e-5 of every class. Doubled, since probes
+    /// Half a percent would do; the tables promise 1e-5 of every class. Doubled, since probes
     /// between nodes do not hit the worst place exactly.
     #[test]
     fn lookup_is_within_the_promised_error_of_quadrature_everywhere(
