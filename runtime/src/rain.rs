@@ -23,28 +23,30 @@ pub mod kernel;
 mod lattice;
 pub mod light;
 mod scatter;
+mod search;
 pub mod shelter;
 mod streak;
 pub mod volume;
+mod window;
 
 use crate::camera::{Camera, Projection};
 use crate::density::check_view;
 use crate::error::RuntimeError;
-use crate::random::{hash, mix};
-use glam::{DVec2, DVec3};
-use lattice::{Eye, Piece};
-use squall_formats::drops::{self, View};
+use glam::DVec3;
+use search::{Frame, Search};
+use squall_formats::drops::View;
 use squall_formats::section::density::{Class, DensitySection, Mode};
-use squall_formats::units::{Metres, Millimetres, MillimetresPerHour, Seconds};
+use squall_formats::units::{MillimetresPerHour, Seconds};
 use std::ops::Range;
-use streak::{Drop, Lens};
+use streak::Lens;
 
-pub use kernel::{Footprint, Kernel, SmoothWindow};
+pub use kernel::{Clip, Footprint, Kernel, Span};
 pub use light::{Environment, Light};
 pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
 pub use streak::Streak;
 pub use volume::{Ceiling, RainVolume, Region};
+pub use window::SmoothWindow;
 
 /// The weather at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,37 +123,12 @@ pub struct Rain {
 }
 
 /// Memory for one camera's frames: a frame allocates nothing that an earlier one of its kind has left here.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Workspace {
     searches: Vec<Search>,
     tasks: Vec<Task>,
     streaks: Vec<Streak>,
     canvas: scatter::Canvas,
-}
-
-/// A class of drops in one frame: all that its cells need.
-#[derive(Clone, Debug)]
-struct Search {
-    class: u16,
-    /// Hash of the seed and the class.
-    key: u64,
-    /// The lattice cell that the camera is in, and where in it.
-    base: [i64; 3],
-    place: DVec3,
-    edge: f64,
-    piece: Piece,
-    /// Smallest diameter and width of the class, mm.
-    from: f64,
-    width: f64,
-    /// Planar depths that any drop of the class can have, m.
-    depths: [f64; 2],
-    /// Margin around the picture's sides, m.
-    margin: f64,
-    /// e³ w N0, and Λ: a drop's own threshold is e³ w N0 e^{−ΛD}.
-    crowd: f64,
-    slope: f64,
-    /// e^−(threshold of the class's smallest drop): where a cell's search ends.
-    floor: f64,
 }
 
 /// Some layers of one class's lattice: what one thread does at a time.
@@ -162,29 +139,13 @@ struct Task {
     found: Vec<Streak>,
 }
 
-/// What all classes share in one frame.
-struct Frame<'a> {
-    camera: &'a Camera,
-    lens: Lens,
-    exposure: f64,
-    /// Projected lengths times depth over pixel length: L focal must lie between z min_px and z max_px.
-    lengths: [f64; 2],
-    /// Half the exposure's way of a drop with no fall speed, camera space, m.
-    still_way: DVec3,
-    /// World up in camera space.
-    up: DVec3,
-    weather: &'a Weather,
-    /// Rain is full wherever this frame looks.
-    full: bool,
-    shelter: Option<&'a dyn Shelter>,
-}
-
 /// Layers of a class go to this many tasks, so that eight threads share even the largest class.
 const SLABS: i64 = 8;
 /// The most lattice cells and rows that one frame may visit.
 const MOST_CELLS: f64 = 1e8;
-/// Lattice coordinates stay exact in double precision up to here.
-const MOST_REMOTE: f64 = 4e15;
+
+/// Faster than this, m/s, is a mistake of units; it also keeps streaks within numbers.
+const MOST_SPEED: f64 = 1e4;
 
 impl Rain {
     /// The rain of an asset's density tables (their default mode). Another seed is another rain.
@@ -218,11 +179,11 @@ impl Rain {
         let camera = shot.camera;
         let (mut drops, mut cells, mut reach) = (0.0, 0.0, 0.0_f64);
         for (index, class) in self.classes.iter().enumerate() {
-            let search = self.search(index, class, shot, weather, &view)?;
+            let search = Search::new(self.seed, index, class, shot, weather)?;
             let [work_drops, work_cells] = search.work(&view);
             drops += work_drops;
             cells += work_cells;
-            reach = reach.max(search.depths[1]);
+            reach = reach.max(search.radius());
             workspace.searches.push(search);
         }
         let allowed = (0.0..=self.most_drops).contains(&drops) && (0.0..=MOST_CELLS).contains(&cells);
@@ -238,7 +199,6 @@ impl Rain {
         let relative = |v: DVec3| DVec3::new(v.dot(camera.right), v.dot(camera.up), v.dot(camera.forward));
         let half = camera.half_extent();
         let focal = camera.pixels_per_metre();
-        let ball = reach * (1.0 + half.length_squared()).sqrt();
         let frame = Frame {
             camera,
             lens: Lens {
@@ -252,7 +212,7 @@ impl Rain {
             still_way: relative(weather.wind - shot.velocity) * (0.5 * shot.exposure.0),
             up: relative(DVec3::Z),
             weather,
-            full: weather.volume.fills(camera.position, 2.0 * ball),
+            full: weather.volume.fills(camera.position, reach),
             shelter,
         };
         workspace.plan();
@@ -282,82 +242,18 @@ impl Rain {
             let wanted = format!("0 to {largest} mm/h, the range of this asset's rain");
             return Err(RuntimeError::argument("rate", wanted, weather.rate.0));
         }
-        for (field, vector) in
-            [("wind", weather.wind), ("drift", weather.drift), ("camera velocity", shot.velocity)]
-        {
-            // A squared length that overflows is no wind.
-            if !vector.length_squared().is_finite() {
-                return Err(RuntimeError::argument(field, "three finite numbers", vector));
+        for (field, vector) in [("wind", weather.wind), ("camera velocity", shot.velocity)] {
+            if !(0.0..=MOST_SPEED).contains(&vector.length()) {
+                return Err(RuntimeError::argument(field, format!("at most {MOST_SPEED} m/s"), vector));
             }
+        }
+        if !weather.drift.is_finite() {
+            return Err(RuntimeError::argument("drift", "three finite numbers", weather.drift));
         }
         if !weather.time.0.is_finite() {
             return Err(RuntimeError::argument("time", "finite seconds", weather.time.0));
         }
         Ok(())
-    }
-
-    fn search(
-        &self,
-        index: usize,
-        class: &Class,
-        shot: &Shot,
-        weather: &Weather,
-        view: &View,
-    ) -> Result<Search, RuntimeError> {
-        let camera = shot.camera;
-        let edge = class.edge().0;
-        // The camera in the class's own frame. The edge is a power of two: dividing by it is exact, and so is
-        // splitting off the whole cells, so that a drop's place in the picture has the precision of the
-        // camera's own place, after a day as in the first second.
-        let fallen = DVec3::Z * (class.fall_speed.0 * weather.time.0);
-        let remote = (camera.position - weather.drift + fallen) / edge;
-        if !(0.0..MOST_REMOTE).contains(&remote.abs().max_element()) {
-            return Err(RuntimeError::argument(
-                "time, drift and camera position",
-                "a sum within 4e15 lattice cells",
-                remote,
-            ));
-        }
-        let cell = remote.floor();
-        let place = remote - cell;
-        let length = |diameter: Millimetres| {
-            drops::streak_length(diameter, drops::fall_speed(diameter), shot.exposure)
-        };
-        let [from, to] = class.diameter;
-        let depths = [view.distance(length(from), shot.max_px).0, view.distance(length(to), shot.min_px).0];
-        // Half of the longest way in the picture, and the drop's own size on both sides.
-        let speeds = [from, to].map(|diameter| {
-            let velocity = weather.wind - DVec3::Z * drops::fall_speed(diameter).0 - shot.velocity;
-            velocity.length()
-        });
-        let margin = 0.5 * speeds[0].max(speeds[1]) * shot.exposure.0 + Metres::from(to).0;
-        let half = camera.half_extent();
-        // A few pixels for the soft edge of kernels.
-        let soft = DVec2::new(8.0 / f64::from(camera.width), 8.0 / f64::from(camera.height));
-        let eye = Eye {
-            position: place,
-            right: camera.right,
-            up: camera.up,
-            forward: camera.forward,
-            tangent: half * (DVec2::ONE + soft),
-        };
-        let width = to.0 - from.0;
-        let slope = drops::slope(weather.rate);
-        Ok(Search {
-            class: index as u16,
-            key: hash(&[self.seed, index as u64]),
-            base: [cell.x as i64, cell.y as i64, cell.z as i64],
-            place,
-            edge,
-            piece: Piece::new(&eye, depths[0] / edge, depths[1] / edge, margin / edge),
-            from: from.0,
-            width,
-            depths,
-            margin,
-            crowd: edge * edge * edge * width * drops::INTERCEPT,
-            slope,
-            floor: libm::exp(-class.candidates_per_cell(weather.rate)),
-        })
     }
 }
 
@@ -392,97 +288,9 @@ impl Workspace {
                 continue;
             }
             task.search = index / SLABS as usize;
-            let layers = self.searches[task.search].piece.layers();
+            let layers = self.searches[task.search].layers();
             let (slab, total) = (index as i64 % SLABS, layers.end - layers.start);
             task.layers = layers.start + total * slab / SLABS..layers.start + total * (slab + 1) / SLABS;
         }
-    }
-}
-
-impl Search {
-    /// Upper bounds of the drops and cells that this class's search touches: the piece of the frustum with a
-    /// cell's diagonal around it, whole from the eye on.
-    fn work(&self, view: &View) -> [f64; 2] {
-        let diagonal = self.edge * 3.0_f64.sqrt();
-        let tangent = libm::tan(0.5 * view.vertical_fov.0);
-        // Half extents a0 + a1 z, b0 + b1 z.
-        let side = |tangent: f64| [self.margin * (1.0 + tangent * tangent).sqrt() + diagonal, tangent];
-        let [[a0, a1], [b0, b1]] = [side(tangent * view.aspect), side(tangent)];
-        let far = self.depths[1];
-        let integral = far * (a0 * b0 + far * (0.5 * (a0 * b1 + a1 * b0) + far * a1 * b1 / 3.0));
-        let cap = 2.0 * diagonal * (a0 + a1 * far) * (b0 + b1 * far);
-        let cells = 4.0 * (integral + cap) / (self.edge * self.edge * self.edge);
-        let drops = cells * self.crowd * libm::exp(-self.slope * self.from);
-        [drops, cells.max(self.piece.rows_in_box())]
-    }
-
-    fn scan_layer(&self, frame: &Frame, layer: i64, found: &mut Vec<Streak>) {
-        let layer_key = mix(self.key ^ mix((self.base[2].wrapping_add(layer)) as u64));
-        for row in self.piece.rows(layer) {
-            let row_key = mix(layer_key ^ (self.base[1].wrapping_add(row)) as u64);
-            for cell in self.piece.cells(layer, row) {
-                let key = mix(row_key ^ (self.base[0].wrapping_add(cell)) as u64);
-                let corner = DVec3::new(cell as f64, row as f64, layer as f64) - self.place;
-                self.scan_cell(frame, key, corner, found);
-            }
-        }
-    }
-
-    /// The drops of one cell. `corner` is the cell's own, relative to the camera, in cells.
-    #[inline]
-    fn scan_cell(&self, frame: &Frame, key: u64, corner: DVec3, found: &mut Vec<Streak>) {
-        const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
-        const HALF_BITS: f64 = 1.0 / (1u64 << 32) as f64;
-        let mut state = key;
-        // e^{−s} of the drop at hand: arrivals are sums of exponentials, so this is a product of uniforms.
-        let mut arrival = 1.0;
-        loop {
-            state = state.wrapping_add(STEP);
-            let bits = mix(state);
-            arrival *= ((bits >> 32) as f64 + 0.5) * HALF_BITS;
-            if arrival <= self.floor {
-                return;
-            }
-            state = state.wrapping_add(STEP);
-            let id = mix(state);
-            let diameter = self.from + self.width * ((bits & 0xFFFF_FFFF) as f64 + 0.5) * HALF_BITS;
-            if let Some(streak) = self.judge(frame, id, arrival, diameter, corner) {
-                found.push(streak);
-            }
-        }
-    }
-
-    /// One drop: in the frustum's piece, in the rain at this rate, under no roof?
-    #[inline]
-    fn judge(&self, frame: &Frame, id: u64, arrival: f64, diameter: f64, corner: DVec3) -> Option<Streak> {
-        let Frame { camera, lens, .. } = frame;
-        const THIRD_BITS: f64 = 1.0 / (1u64 << 21) as f64;
-        let part = |shift: u32| ((id >> shift & 0x1F_FFFF) as f64 + 0.5) * THIRD_BITS;
-        let offset = (corner + DVec3::new(part(0), part(21), part(42))) * self.edge;
-        let depth = offset.dot(camera.forward);
-        if !(depth >= self.depths[0] && depth <= self.depths[1]) {
-            return None;
-        }
-        let centre = DVec3::new(offset.dot(camera.right), offset.dot(camera.up), depth);
-        let speed = drops::fall_speed(Millimetres(diameter)).0;
-        let length = diameter * 1e-3 + speed * frame.exposure;
-        if !(length >= depth * frame.lengths[0] && length < depth * frame.lengths[1]) {
-            return None;
-        }
-        let mut expected = self.crowd * libm::exp(-self.slope * diameter);
-        if !frame.full {
-            expected *= frame.weather.volume.density(camera.position + offset);
-        }
-        if arrival <= libm::exp(-expected) {
-            return None;
-        }
-        if let Some(shelter) = frame.shelter {
-            let velocity = frame.weather.wind - DVec3::Z * speed;
-            if !shelter.reaches(camera.position + offset, velocity) {
-                return None;
-            }
-        }
-        let half_way = frame.still_way - frame.up * (0.5 * speed * frame.exposure);
-        lens.streak(&Drop { id, class: self.class, diameter, centre, half_way })
     }
 }

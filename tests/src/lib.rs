@@ -38,4 +38,6 @@ pub fn assert_close(found: f64, wanted: f64, relative: f64, what: &str) {
 #[cfg(test)]
 mod rain;
 #[cfg(test)]
+mod rain_picture;
+#[cfg(test)]
 mod transport;

@@ -4,48 +4,42 @@
 use glam::{DVec2, DVec3};
 use proptest::prelude::*;
 use squall_bake::density::{DensitySpec, bake_density, solve_counts};
-use squall_formats::drops::{self, Optics, View};
+use squall_formats::drops::{self, View};
 use squall_formats::section::density::{DensitySection, Mode};
-use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Radians, Seconds};
+use squall_formats::units::{Degrees, MillimetresPerHour, Radians, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::density::{lookup_counts, read_density};
-use squall_runtime::depth::{DepthBuffer, DepthKind};
-use squall_runtime::medium::Medium;
-use squall_runtime::picture::Picture;
-use squall_runtime::rain::{
-    Ceiling, Environment, Rain, RainVolume, Region, Scene, Shelter, ShelterMap, Shot, SmoothWindow, Streak,
-    Weather, Workspace,
-};
+use squall_runtime::rain::{Rain, Shot, Streak, Weather, Workspace};
 use squall_runtime::random::Random;
 use squall_runtime::{Asset, RuntimeError};
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-fn tables() -> &'static DensitySection {
+pub(crate) fn tables() -> &'static DensitySection {
     static TABLES: OnceLock<DensitySection> = OnceLock::new();
     TABLES.get_or_init(|| bake_density(&DensitySpec::default()).unwrap())
 }
 
-fn rain() -> Rain {
+pub(crate) fn rain() -> Rain {
     Rain::new(tables(), 7)
 }
 
-fn camera(position: DVec3, direction: DVec3, up: DVec3, fov_deg: f64, size: [u32; 2]) -> Camera {
+pub(crate) fn camera(position: DVec3, direction: DVec3, up: DVec3, fov_deg: f64, size: [u32; 2]) -> Camera {
     let projection = Projection::Perspective { vertical_fov: Degrees(fov_deg).into() };
     Camera::new(position, direction, up, projection, size).unwrap()
 }
 
-fn level(fov_deg: f64) -> Camera {
+pub(crate) fn level(fov_deg: f64) -> Camera {
     camera(DVec3::new(3.0, -2.0, 1.7), DVec3::X, DVec3::Z, fov_deg, [1920, 1080])
 }
 
-const T20: Seconds = Seconds(0.02);
+pub(crate) const T20: Seconds = Seconds(0.02);
 
-fn rate(value: f64) -> MillimetresPerHour {
+pub(crate) fn rate(value: f64) -> MillimetresPerHour {
     MillimetresPerHour(value)
 }
 
-fn find(shot: &Shot, weather: &Weather) -> Vec<Streak> {
+pub(crate) fn find(shot: &Shot, weather: &Weather) -> Vec<Streak> {
     rain().find(shot, weather, None, &mut Workspace::new()).unwrap().to_vec()
 }
 
@@ -58,7 +52,7 @@ fn inside(streaks: &[Streak]) -> usize {
 }
 
 proptest! {
-    /// The issue asks for half a percent; the tables promise 1e-5 of every class. Doubled, since probes
+    /// Half a percent would do; the tables promise 1e-5 of every class. Doubled, since probes
     /// between nodes do not hit the worst place exactly.
     #[test]
     fn lookup_is_within_the_promised_error_of_quadrature_everywhere(
@@ -182,7 +176,7 @@ fn more_rain_adds_drops_and_removes_or_moves_none() {
 }
 
 /// World position of a streak's drop, from what the list says of it.
-fn place(camera: &Camera, streak: &Streak) -> DVec3 {
+pub(crate) fn place(camera: &Camera, streak: &Streak) -> DVec3 {
     let [a, b] = streak.ends.map(|end| DVec2::new(f64::from(end[0]), f64::from(end[1])));
     let [da, db] = streak.end_depths.map(f64::from);
     let at = |pixel: DVec2, depth: f64| {
@@ -248,115 +242,6 @@ fn after_a_day_drops_still_move_by_their_speed_and_nothing_else() {
 }
 
 #[test]
-fn threads_change_neither_the_list_nor_a_pixel() {
-    let camera = camera(DVec3::Z * 2.0, DVec3::new(1.0, 0.3, 0.4), DVec3::Z, 70.0, [701, 397]);
-    let weather = Weather::steady(rate(60.0), DVec3::X, Seconds(40.0));
-    let shot = Shot { min_px: 12.0, ..Shot::new(&camera, T20) };
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let mut workspace = Workspace::new();
-            let mut picture = Picture::new(701, 397).unwrap();
-            let light = Environment { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
-            let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain: 2.0 };
-            let streaks = rain().find(&shot, &weather, None, &mut workspace).unwrap().to_vec();
-            workspace.draw(&shot, &scene, &mut picture).unwrap();
-            (streaks, workspace.mask().to_vec(), picture)
-        })
-    };
-    let one = run(1);
-    assert!(one.0.len() > 1000 && one.2.pixels.iter().any(|pixel| pixel[0] > 0.0));
-    assert!(one == run(2) && one == run(8));
-}
-
-#[test]
-fn a_second_frame_of_the_same_kind_takes_no_memory() {
-    let camera = level(90.0);
-    let shot = Shot::new(&camera, T20);
-    let rain = rain();
-    let mut workspace = Workspace::new();
-    let mut picture = Picture::new(1920, 1080).unwrap();
-    let light = Environment { above: [1.0; 3], ..Default::default() };
-    let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain: 1.0 };
-    let mut frame = |time: f64, workspace: &mut Workspace| {
-        let weather = Weather::steady(rate(25.0), DVec3::X, Seconds(time));
-        rain.find(&shot, &weather, None, workspace).unwrap();
-        workspace.draw(&shot, &scene, &mut picture).unwrap();
-        workspace.bytes()
-    };
-    let warm = (0..6).map(|i| frame(f64::from(i), &mut workspace)).max().unwrap();
-    assert!((0..6).all(|i| frame(f64::from(i), &mut workspace) == warm));
-}
-
-#[test]
-fn expected_coverage_is_the_extinction_of_the_drawn_shell() {
-    const FRAMES: usize = 150;
-    let rain = rain();
-    let mut workspace = Workspace::new();
-    let black = Environment::default();
-    let scene = Scene { depth: None, kernel: &SmoothWindow, light: &black, gain: 1.0 };
-    for fov in [60.0, 120.0] {
-        let camera = camera(DVec3::Z, DVec3::X, DVec3::Z, fov, [640, 360]);
-        let shot = Shot { min_px: 8.0, max_px: 60.0, ..Shot::new(&camera, T20) };
-        let weather = |time| Weather::steady(rate(75.0), DVec3::ZERO, Seconds(time));
-        let (mut left, mut pixels) = (0.0, 0.0);
-        for frame in 0..FRAMES {
-            rain.find(&shot, &weather(10.0 * frame as f64), None, &mut workspace).unwrap();
-            let mut picture = Picture::new(640, 360).unwrap();
-            workspace.draw(&shot, &scene, &mut picture).unwrap();
-            left += workspace.mask().iter().map(|&alpha| 1.0 - f64::from(alpha)).sum::<f64>();
-            pixels += workspace.mask().len() as f64;
-        }
-        let [all, rest] =
-            [Medium::geometric(rate(75.0)), Medium::beside_streaks(tables(), &shot, rate(75.0)).unwrap()];
-        let (mut wanted, mut secant_sum) = (0.0, 0.0);
-        let secants = camera.secants();
-        for y in 0..360 {
-            for x in 0..640 {
-                let secant = secants.at(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                let depth = 1e3;
-                let drawn = all.optical_depth(depth, secant) - rest.optical_depth(depth, secant);
-                wanted += libm::exp(-drawn) / (640.0 * 360.0);
-                secant_sum += secant / (640.0 * 360.0);
-            }
-        }
-        let [found, wanted] = [left / pixels, wanted].map(|share| -libm::log(share));
-        println!("fov {fov}: coverage {found:.6}, extinction {wanted:.6}, mean secant {secant_sum:.3}");
-        // Some 500 000 streaks with areas that scatter by a few times their mean: half a percent.
-        assert!((found / wanted - 1.0).abs() < 0.01, "{found} {wanted}");
-        let printed = if fov == 60.0 { 1.20 } else { 2.17 };
-        assert!((secant_sum - printed).abs() < 0.01);
-    }
-}
-
-#[test]
-fn the_medium_beside_streaks_leaves_out_exactly_the_drawn_drops() {
-    let camera = level(60.0);
-    let shot = Shot::new(&camera, T20);
-    let view = shot.view().unwrap();
-    for mm_h in [0.02, 2.0, 25.0, 75.0] {
-        let rate = rate(mm_h);
-        let [all, rest] = [Medium::geometric(rate), Medium::beside_streaks(tables(), &shot, rate).unwrap()];
-        let found = all.optical_depth(500.0, 1.3) - rest.optical_depth(500.0, 1.3);
-        // ∫ N π D²/4 (z(30 px) − z(200 px)) dD, 20 000 midpoints.
-        let [from, to] = drops::DEFAULT_DIAMETERS.map(|d| d.0);
-        let step = (to - from) / 20_000.0;
-        let shell = |i: usize| {
-            let diameter = Millimetres(from + (i as f64 + 0.5) * step);
-            let length = drops::streak_length(diameter, drops::fall_speed(diameter), T20);
-            let thickness = view.distance(length, 30.0).0 - view.distance(length, 200.0).0;
-            let disc = std::f64::consts::FRAC_PI_4 * diameter.0 * diameter.0 * 1e-6;
-            drops::number_density(diameter, rate) * disc * thickness * step
-        };
-        let wanted = 1.3 * (0..20_000).map(shell).sum::<f64>();
-        // Below the table's first node the moments go on as a power of R: a fifth of it costs 3 %.
-        let tolerance = if mm_h < 0.1 { 0.03 } else { 2e-5 };
-        assert!((found / wanted - 1.0).abs() < tolerance, "R {mm_h}: {found} {wanted}");
-        assert!(rest.optical_depth(0.3, 1.0) > 0.0 && Optics::GEOMETRIC.efficiency == 1.0);
-    }
-}
-
-#[test]
 fn no_rain_has_no_streaks_and_nonsense_is_refused_by_name() {
     let camera = level(60.0);
     let shot = Shot::new(&camera, T20);
@@ -373,7 +258,9 @@ fn no_rain_has_no_streaks_and_nonsense_is_refused_by_name() {
         ("rate", shot, Weather { rate: rate(f64::NAN), ..calm }),
         ("rate", shot, Weather { rate: rate(201.0), ..calm }),
         ("wind", shot, Weather { wind: nan, ..calm }),
-        ("drift", shot, Weather { drift: DVec3::X * 1e300, ..calm }),
+        ("wind", shot, Weather { wind: DVec3::X * 2e4, ..calm }),
+        ("drift", shot, Weather { drift: nan, ..calm }),
+        ("time, drift and camera position", shot, Weather { drift: DVec3::X * 1e300, ..calm }),
         ("time", shot, Weather { time: Seconds(f64::INFINITY), ..calm }),
         ("time, drift and camera position", shot, Weather { time: Seconds(1e30), ..calm }),
         ("camera velocity", Shot { velocity: nan, ..shot }, calm),
@@ -433,92 +320,6 @@ fn a_camera_faster_than_rain_sees_longer_streaks_of_the_same_drops() {
     let sideways = find(&Shot { velocity: camera.right * 40.0, ..at_rest }, &weather);
     let still: Vec<Streak> = slow.into_values().collect();
     assert!(length(&sideways) > 4.0 * length(&still));
-}
-
-fn draw(depth: Option<DepthBuffer>, gain: f64) -> (Picture, f64) {
-    let camera = camera(DVec3::Z, DVec3::X, DVec3::Z, 60.0, [320, 180]);
-    let shot = Shot { min_px: 8.0, ..Shot::new(&camera, T20) };
-    let weather = Weather::steady(rate(75.0), DVec3::ZERO, Seconds(1.0));
-    let mut workspace = Workspace::new();
-    rain().find(&shot, &weather, None, &mut workspace).unwrap();
-    let mut picture = Picture::new(320, 180).unwrap();
-    let light = Environment { above: [1.0; 3], below: [1.0; 3], behind: [1.0; 3], ..Default::default() };
-    let scene = Scene { depth, kernel: &SmoothWindow, light: &light, gain };
-    workspace.draw(&shot, &scene, &mut picture).unwrap();
-    let sum = workspace.mask().iter().map(|&alpha| f64::from(alpha)).sum();
-    (picture, sum)
-}
-
-#[test]
-fn walls_hide_what_is_behind_them_and_holes_hide_nothing() {
-    let open = draw(None, 1.0);
-    for nothing in [f32::INFINITY, 0.0, f32::NAN, -3.0] {
-        let metres = [nothing; 320 * 180];
-        let buffer = DepthBuffer::new(&metres, 320, 180, DepthKind::Planar).unwrap();
-        assert_eq!(draw(Some(buffer), 1.0).0, open.0);
-    }
-    let mut before = 0.0;
-    for wall in [0.2f32, 0.6, 1.5, 4.0, 50.0] {
-        let metres = [wall; 320 * 180];
-        let planar = DepthBuffer::new(&metres, 320, 180, DepthKind::Planar).unwrap();
-        let sum = draw(Some(planar), 1.0).1;
-        assert!(sum >= before, "{wall} m");
-        before = sum;
-    }
-    assert_eq!(before, open.1);
-    let metres = [0.01f32; 320 * 180];
-    let range = DepthBuffer::new(&metres, 320, 180, DepthKind::Range).unwrap();
-    assert_eq!(draw(Some(range), 1.0).1, 0.0);
-}
-
-#[test]
-fn gain_scales_coverage_and_zero_gain_changes_no_pixel() {
-    let (picture, sum) = draw(None, 0.0);
-    assert!(sum == 0.0 && picture.pixels.iter().all(|pixel| *pixel == [0.0; 3]));
-    // Overlaps and the cut at 1 cost a little.
-    let ratio = draw(None, 2.0).1 / draw(None, 1.0).1;
-    assert!(ratio > 1.97 && ratio <= 2.0, "{ratio}");
-    // Streaks of light 1 over black show their own coverage.
-    let (picture, sum) = draw(None, 1.0);
-    let light: f64 = picture.pixels.iter().map(|pixel| f64::from(pixel[1])).sum();
-    assert!((light / sum - 1.0).abs() < 1e-5);
-}
-
-#[test]
-fn it_does_not_rain_under_a_roof_nor_above_the_ceiling() {
-    let camera = level(60.0);
-    let shot = Shot::new(&camera, T20);
-    let weather = Weather::steady(rate(25.0), DVec3::ZERO, Seconds(5.0));
-    let rain = rain();
-    let mut workspace = Workspace::new();
-    let open = rain.find(&shot, &weather, None, &mut workspace).unwrap().to_vec();
-    // A roof 3 m above ground over the half space y < −2, the camera's place.
-    let size = [200, 200];
-    let heights = (0..200 * 200).map(|i| if i / 200 < 98 { 3.0 } else { f32::NEG_INFINITY }).collect();
-    let origin = DVec3::new(-100.0, -100.0, 0.0);
-    let map = ShelterMap::new(origin, -DVec3::Z, squall_formats::units::Metres(1.0), size, heights).unwrap();
-    let sheltered = rain.find(&shot, &weather, Some(&map), &mut workspace).unwrap().to_vec();
-    let wanted: Vec<_> = open.iter().copied().filter(|s| map.reaches(place(&camera, s), -DVec3::Z)).collect();
-    // Drops within rounding of the roof's edge may fall on either side.
-    assert!(sheltered.len().abs_diff(wanted.len()) <= 1);
-    assert!(sheltered.len() > open.len() / 3 && sheltered.len() < 2 * open.len() / 3);
-    let none = |_: DVec3, _: DVec3| false;
-    assert!(rain.find(&shot, &weather, Some(&none), &mut workspace).unwrap().is_empty());
-
-    let metres = squall_formats::units::Metres;
-    let ceiling = |height: f64, softness: f64| {
-        let ceiling = Some(Ceiling { height: metres(height), softness: metres(softness) });
-        Weather { volume: RainVolume { ceiling, region: None }, ..weather }
-    };
-    assert!(rain.find(&shot, &ceiling(-20.0, 1.0), None, &mut workspace).unwrap().is_empty());
-    let below = rain.find(&shot, &ceiling(1.7, 0.0), None, &mut workspace).unwrap().to_vec();
-    assert!(below.iter().all(|s| place(&camera, s).z < 1.7 + 1e-3));
-    // The camera stands in the middle of a soft edge 40 m deep: near it, half of all drops fall.
-    let half = rain.find(&shot, &ceiling(-18.3, 40.0), None, &mut workspace).unwrap().len();
-    assert!((half as f64 / open.len() as f64 - 0.5).abs() < 0.05);
-    let region = Some(Region { centre: [500.0, 0.0], radius: metres(100.0), softness: metres(50.0) });
-    let elsewhere = Weather { volume: RainVolume { ceiling: None, region }, ..weather };
-    assert!(rain.find(&shot, &elsewhere, None, &mut workspace).unwrap().is_empty());
 }
 
 #[test]

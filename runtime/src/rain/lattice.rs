@@ -62,6 +62,11 @@ impl Piece {
         cells(low, high)
     }
 
+    /// Distance from `centre` to the farthest point of the body.
+    pub fn radius(&self, centre: DVec3) -> f64 {
+        self.corners.iter().map(|corner| corner.distance(centre)).fold(0.0, f64::max)
+    }
+
     /// How many rows a box around the body has; an upper bound on the rows that are visited.
     pub fn rows_in_box(&self) -> f64 {
         let (y0, y1) = self.extent(|corner| corner.y);

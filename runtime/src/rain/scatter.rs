@@ -1,16 +1,23 @@
 //! Draws streaks: into bands of rows, band by band and tile by tile, so that a pixel is written by one thread
 //! and sees its streaks in the order of the list.
 
-use super::{Footprint, Kernel, Light, Shot, Streak, Workspace};
+use super::kernel::{Clip, Footprint, Kernel, Span};
+use super::{Light, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::picture::Picture;
+use std::any::Any;
 
 /// Tile width and height, px: the accumulators of one tile fit a core's own cache, and a streak of a hundred
 /// pixels crosses few of them.
-const TILE: [usize; 2] = [64, 32];
-const TILE_PIXELS: usize = TILE[0] * TILE[1];
+const TILE: [usize; 2] = [32, 32];
+/// Pixels that are worked on together, one vector register wide; drawn spans are padded to whole blocks.
+const BLOCK: usize = 4;
+/// A row of accumulators has room for a block that starts on its last pixel.
+const STRIDE: usize = TILE[0] + BLOCK;
+const PLANE: usize = STRIDE * TILE[1];
+const LANES: [f32; BLOCK] = [0.0, 1.0, 2.0, 3.0];
 
 /// What streaks are drawn with and into.
 pub struct Scene<'a, K, L> {
@@ -25,7 +32,7 @@ pub struct Scene<'a, K, L> {
 }
 
 /// Reusable memory for drawing.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Canvas {
     radiance: Vec<[f32; 3]>,
     boxes: Vec<TileBox>,
@@ -37,18 +44,17 @@ pub(super) struct Canvas {
 }
 
 /// One band's accumulators, for a tile at a time.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Band {
-    /// Light of the streaks, three channels, and the share of background that they leave.
-    layers: Vec<[f32; 4]>,
-    span: [f32; TILE[0]],
+    /// Four planes: light of the streaks, three channels, and the share of background that they leave.
+    layers: Vec<f32>,
+    /// The kernel's working memory: whatever type the last kernel had.
+    scratch: Box<dyn Any + Send>,
 }
-
-const CLEAR: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
 impl Default for Band {
     fn default() -> Self {
-        Self { layers: vec![CLEAR; TILE_PIXELS], span: [0.0; TILE[0]] }
+        Self { layers: vec![0.0; 4 * PLANE], scratch: Box::new(()) }
     }
 }
 
@@ -58,18 +64,13 @@ const NOWHERE: TileBox = [1, 0, 1, 0];
 
 /// The tiles that a streak's kernel can touch.
 fn tiles_of<K: Kernel>(kernel: &K, footprint: &Footprint, grid: [usize; 2]) -> TileBox {
-    let [along, across] = kernel.reach(&kernel.prepare(footprint));
-    let [ux, uy] = footprint.axis.map(f64::abs);
-    let half = [along * ux + across * uy, along * uy + across * ux];
+    let Some(Clip { left, top, right, bottom }) = kernel.bounds(footprint) else { return NOWHERE };
     let mut tiles = NOWHERE;
-    for axis in 0..2 {
-        let size = TILE[axis] as f64;
-        let first = (footprint.centre[axis] - half[axis]) / size;
-        let last = (footprint.centre[axis] + half[axis]) / size;
-        if !(last >= 0.0 && first < grid[axis] as f64) {
+    for (axis, (low, end)) in [(left, right), (top, bottom)].into_iter().enumerate() {
+        let (first, last) = (low.max(0) / TILE[axis] as i32, end.saturating_sub(1) / TILE[axis] as i32);
+        if end <= low || end <= 0 || first as usize >= grid[axis] {
             return NOWHERE;
         }
-        // Casts round toward zero and saturate.
         tiles[2 * axis] = first as u32;
         tiles[2 * axis + 1] = (last as u32).min(grid[axis] as u32 - 1);
     }
@@ -125,6 +126,12 @@ impl Workspace {
         let rows = size[0] * TILE[1];
         let secants = camera.secants();
         let paint = |(index, ((band, pixels), mask)): Job| {
+            let Band { layers, scratch } = band;
+            if !scratch.is::<K::Scratch>() {
+                *scratch = Box::new(K::Scratch::default());
+            }
+            let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
+            let mut brush = Brush { layers, scratch, secants: &secants, scene };
             for column in 0..grid[0] {
                 let tile = Tile {
                     x: column * TILE[0],
@@ -133,8 +140,8 @@ impl Workspace {
                     height: pixels.len() / size[0],
                 };
                 let mine = list.of(index * grid[0] + column);
-                band.paint_tile(&secants, scene, &list, mine, tile);
-                band.apply(tile, size[0], pixels, mask);
+                brush.paint_tile(&list, mine, tile);
+                brush.apply(tile, size[0], pixels, mask);
             }
         };
         #[cfg(feature = "rayon")]
@@ -163,6 +170,14 @@ struct Tile {
     height: usize,
 }
 
+impl Tile {
+    fn clip(self) -> Clip {
+        // Pictures have at most 2²⁸ pixels.
+        let [left, top] = [self.x as i32, self.y as i32];
+        Clip { left, top, right: left + self.width as i32, bottom: top + self.height as i32 }
+    }
+}
+
 /// Streaks with their light, and who is in which tile.
 struct TileList<'a> {
     streaks: &'a [Streak],
@@ -182,7 +197,7 @@ impl Canvas {
         self.radiance.capacity() * size_of::<[f32; 3]>()
             + self.boxes.capacity() * size_of::<TileBox>()
             + (self.starts.capacity() + self.order.capacity() + self.mask.capacity()) * 4
-            + self.bands.capacity() * (size_of::<Band>() + TILE_PIXELS * size_of::<[f32; 4]>())
+            + self.bands.capacity() * (size_of::<Band>() + 4 * PLANE * size_of::<f32>())
     }
 
     /// Each streak's light and tiles.
@@ -241,57 +256,46 @@ impl Canvas {
     }
 }
 
-impl Band {
-    fn paint_tile<K: Kernel, L>(
-        &mut self,
-        secants: &Secants,
-        scene: &Scene<K, L>,
-        list: &TileList,
-        mine: &[u32],
-        tile: Tile,
-    ) {
-        self.layers.fill(CLEAR);
+/// What paints one band, tile by tile.
+struct Brush<'a, K: Kernel, L> {
+    layers: &'a mut Vec<f32>,
+    scratch: &'a mut K::Scratch,
+    secants: &'a Secants,
+    scene: &'a Scene<'a, K, L>,
+}
+
+impl<K: Kernel, L> Brush<'_, K, L> {
+    fn paint_tile(&mut self, list: &TileList, mine: &[u32], tile: Tile) {
+        let Self { layers, scratch, secants, scene } = self;
+        let (light, kept) = layers.split_at_mut(3 * PLANE);
+        light.fill(0.0);
+        kept.fill(1.0);
+        let clip = tile.clip();
         for &index in mine {
             let streak = &list.streaks[index as usize];
             let radiance = list.radiance[index as usize];
             let footprint = streak.footprint();
-            let prepared = scene.kernel.prepare(&footprint);
-            let [along, across] = scene.kernel.reach(&prepared);
             let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            let strips = Strips::new(&footprint.centre, footprint.axis, along, across);
-            let depth = scene.depth.map(|buffer| (DepthLine::new(streak, &footprint), buffer));
-            let (top, bottom) = strips.rows();
-            let rows = cut(top - tile.y as f64, bottom - tile.y as f64, tile.height);
-            for row in rows {
-                let y = (tile.y + row) as f64 + 0.5;
-                let (low, high) = strips.row(y);
-                let columns = cut(low - tile.x as f64, high - tile.x as f64, tile.width);
-                if columns.is_empty() {
-                    continue;
-                }
-                let x = (tile.x + columns.start) as f64 + 0.5;
-                let span = &mut self.span[..columns.len()];
-                scene.kernel.span(&prepared, x, y, span);
-                if let Some((depth, buffer)) = &depth {
-                    for (i, share) in span.iter_mut().enumerate() {
-                        let (px, py) = (tile.x + columns.start + i, tile.y + row);
-                        if *share > 0.0 && depth.hidden(secants, buffer, px, py) {
-                            *share = 0.0;
+            let layers = layers.as_mut_slice();
+            let at = |span: &Span| (span.y - clip.top) as usize * STRIDE + (span.x - clip.left) as usize;
+            match &scene.depth {
+                None => scene.kernel.draw(&footprint, clip, scratch, &mut |span| {
+                    lay(layers, at(&span), span.count, span.shares, strength, radiance);
+                }),
+                Some(buffer) => {
+                    let line = DepthLine::new(streak, &footprint);
+                    scene.kernel.draw(&footprint, clip, scratch, &mut |span| {
+                        let mut seen = [0.0; TILE[0]];
+                        for (i, (seen, &share)) in
+                            seen.iter_mut().zip(span.shares).take(span.count).enumerate()
+                        {
+                            let (x, y) = (span.x as usize + i, span.y as usize);
+                            if share > 0.0 && !line.hidden(secants, buffer, x, y) {
+                                *seen = share;
+                            }
                         }
-                    }
-                }
-                let from = row * TILE[0] + columns.start;
-                for (&share, layer) in span.iter().zip(&mut self.layers[from..from + columns.len()]) {
-                    // `max` makes a kernel's NaN draw nothing, which `clamp` would hand on.
-                    let alpha = (strength * share).max(0.0);
-                    let alpha = if alpha > 1.0 { 1.0 } else { alpha };
-                    let kept = 1.0 - alpha;
-                    *layer = [
-                        layer[0] * kept + alpha * radiance[0],
-                        layer[1] * kept + alpha * radiance[1],
-                        layer[2] * kept + alpha * radiance[2],
-                        layer[3] * kept,
-                    ];
+                        lay(layers, at(&span), span.count, &seen, strength, radiance);
+                    });
                 }
             }
         }
@@ -302,64 +306,74 @@ impl Band {
         for row in 0..tile.height {
             let from = row * width + tile.x;
             for column in 0..tile.width {
-                let [red, green, blue, kept] = self.layers[row * TILE[0] + column];
+                let at = row * STRIDE + column;
+                let kept = self.layers[3 * PLANE + at];
                 mask[from + column] = 1.0 - kept;
                 // Where nothing was drawn the pixel stays as it is, infinite or not.
                 if kept < 1.0 {
                     let pixel = &mut pixels[from + column];
-                    *pixel = [pixel[0] * kept + red, pixel[1] * kept + green, pixel[2] * kept + blue];
+                    for channel in 0..3 {
+                        pixel[channel] = pixel[channel] * kept + self.layers[channel * PLANE + at];
+                    }
                 }
             }
         }
     }
 }
 
-/// The whole pixels of 0…`limit` whose centres lie between `low` and `high`.
+/// Lays the first `count` shares of a span over the accumulators from place `from` on.
+///
+/// Most spans are one block. Longer ones go elsewhere, so that the compiler does not set up a loop over many
+/// blocks for each of them.
 #[inline(always)]
-fn cut(low: f64, high: f64, limit: usize) -> std::ops::Range<usize> {
-    // Casts round toward zero and saturate; both ends are positive by then.
-    let first = (low + 0.5).clamp(0.0, limit as f64) as usize;
-    let end = (high + 0.5).clamp(0.0, limit as f64) as usize;
-    first..end.max(first)
+fn lay(layers: &mut [f32], from: usize, count: usize, shares: &[f32], strength: f32, radiance: [f32; 3]) {
+    lay_block(layers, from, count, shares, strength, radiance);
+    if count > BLOCK {
+        lay_more(layers, from, count, shares, strength, radiance);
+    }
 }
 
-/// A kernel's box, turned: two strips, whose overlap with a row of pixels is an interval. Both ends of a
-/// strip's interval move by the same slope from row to row.
-struct Strips {
-    centre: [f64; 2],
-    /// Per strip: slope of its ends in x per row, half its width in x; infinite for a strip along the rows.
-    ends: [[f64; 2]; 2],
-    half_height: f64,
+#[inline(never)]
+fn lay_more(
+    layers: &mut [f32],
+    from: usize,
+    count: usize,
+    shares: &[f32],
+    strength: f32,
+    radiance: [f32; 3],
+) {
+    for start in (BLOCK..count).step_by(BLOCK) {
+        let rest = shares.get(start..).unwrap_or_default();
+        lay_block(layers, from + start, count - start, rest, strength, radiance);
+    }
 }
 
-impl Strips {
-    fn new(centre: &[f64; 2], axis: [f64; 2], along: f64, across: f64) -> Self {
-        let [ux, uy] = axis;
-        // |n dx + m dy| ≤ reach
-        let strip = |n: f64, m: f64, reach: f64| match n.abs() > 1e-9 {
-            true => [-m / n, reach / n.abs()],
-            false => [0.0, f64::INFINITY],
-        };
-        Self {
-            centre: *centre,
-            ends: [strip(uy, -ux, across), strip(ux, uy, along)],
-            half_height: along * uy.abs() + across * ux.abs(),
-        }
+#[inline(always)]
+fn lay_block(
+    layers: &mut [f32],
+    from: usize,
+    count: usize,
+    shares: &[f32],
+    strength: f32,
+    radiance: [f32; 3],
+) {
+    let layers = layers.get_mut(from..).and_then(<[f32]>::first_chunk_mut::<{ 3 * PLANE + BLOCK }>);
+    let (Some(shares), Some(layers)) = (shares.first_chunk::<BLOCK>(), layers) else { return };
+    let left = count as u32 as f32;
+    let mut alpha = [0.0; BLOCK];
+    for lane in 0..BLOCK {
+        // A kernel's NaN fails the comparison and draws nothing; so does what pads the block.
+        let value = strength * shares[lane];
+        let value = if value > 0.0 { value } else { 0.0 };
+        let value = if value < 1.0 { value } else { 1.0 };
+        alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
     }
-
-    /// First and last y that the box touches.
-    fn rows(&self) -> (f64, f64) {
-        (self.centre[1] - self.half_height, self.centre[1] + self.half_height)
-    }
-
-    /// First and last x of the box in the row with centre `y`, a row that it touches.
-    #[inline(always)]
-    fn row(&self, y: f64) -> (f64, f64) {
-        let dy = y - self.centre[1];
-        let [[slope, half], [slope2, half2]] = self.ends;
-        let low = (slope * dy - half).max(slope2 * dy - half2);
-        let high = (slope * dy + half).min(slope2 * dy + half2);
-        (self.centre[0] + low, self.centre[0] + high)
+    for lane in 0..BLOCK {
+        let keep = 1.0 - alpha[lane];
+        layers[lane] = layers[lane] * keep + alpha[lane] * radiance[0];
+        layers[PLANE + lane] = layers[PLANE + lane] * keep + alpha[lane] * radiance[1];
+        layers[2 * PLANE + lane] = layers[2 * PLANE + lane] * keep + alpha[lane] * radiance[2];
+        layers[3 * PLANE + lane] *= keep;
     }
 }
 
