@@ -6,5 +6,7 @@
 
 pub mod error;
 pub mod output;
+pub mod picture;
+pub mod synth;
 
 pub use error::BakeError;

@@ -9,8 +9,11 @@ mod audited;
 pub mod camera;
 pub mod error;
 pub mod load;
+pub mod noise;
 pub mod picture;
 pub mod random;
+pub mod shade;
+pub mod tone;
 
 pub use error::RuntimeError;
 pub use load::Asset;

@@ -1,0 +1,3 @@
+//! Inputs made from seeds, so that a storm can be baked with nothing but this program.
+
+pub mod cloud;

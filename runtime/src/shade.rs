@@ -1,0 +1,4 @@
+//! What runs while a frame waits: light, surfaces and air into pixels.
+
+pub mod detail;
+pub mod sky;
