@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod input;
 pub mod output;
 pub mod picture;
 pub mod synth;

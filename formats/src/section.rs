@@ -1,5 +1,7 @@
 //! Section tags, and one module per section.
 
+pub mod town;
+
 /// Four ASCII letters that name a section's kind.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Tag(pub [u8; 4]);
@@ -20,7 +22,7 @@ impl std::fmt::Debug for Tag {
 }
 
 /// Tags of the sections that this build reads; any other is skipped when optional and refused when required.
-pub const KNOWN: &[Tag] = &[];
+pub const KNOWN: &[Tag] = &[town::TownSection::TAG];
 
 /// Whether this build reads sections of kind `tag`.
 pub fn is_known(tag: Tag) -> bool {

@@ -9,8 +9,8 @@ use glam::Vec3;
 #[derive(Clone, Copy, Debug)]
 pub struct Lattice {
     seed: u32,
-    /// Lattice points per period along each axis, 0 = no period.
-    period: i32,
+    /// Bits of a coordinate that count: all of them, or those below the period.
+    mask: i32,
 }
 
 /// Mixes three lattice coordinates and a seed into 32 bits, every input bit reaching every output bit
@@ -53,21 +53,17 @@ fn floor_to_i32(value: f32) -> i32 {
 impl Lattice {
     /// An unbounded lattice.
     pub const fn new(seed: u32) -> Self {
-        Self { seed, period: 0 }
+        Self { seed, mask: -1 }
     }
 
-    /// A lattice that repeats after `period` points along each axis; 0 is unbounded.
-    pub const fn periodic(seed: u32, period: u16) -> Self {
-        Self { seed, period: period as i32 }
+    /// A lattice that repeats after 2^`bits` points along each axis.
+    pub const fn periodic(seed: u32, bits: u8) -> Self {
+        Self { seed, mask: (1 << bits) - 1 }
     }
 
     #[inline]
     fn hash(&self, x: i32, y: i32, z: i32) -> u32 {
-        if self.period == 0 {
-            return scramble(x, y, z, self.seed);
-        }
-        let wrap = |v: i32| v.rem_euclid(self.period);
-        scramble(wrap(x), wrap(y), wrap(z), self.seed)
+        scramble(x & self.mask, y & self.mask, z & self.mask, self.seed)
     }
 
     /// Gradient noise: mean 0, within [−1, 1], features one unit wide.
@@ -115,8 +111,10 @@ impl Lattice {
     pub fn fractal(&self, p: Vec3, octaves: u32, gain: f32) -> f32 {
         let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
         for octave in 0..octaves {
-            let layer = Self { seed: self.seed.wrapping_add(octave.wrapping_mul(0x85EB_CA6B)), ..*self };
-            let layer = Self { period: layer.period << octave, ..layer };
+            let seed = self.seed.wrapping_add(octave.wrapping_mul(0x85EB_CA6B));
+            // Twice as fine, twice as many points per period.
+            let mask = (self.mask << octave) | ((1 << octave) - 1);
+            let layer = Self { seed, mask };
             sum += weight * layer.gradient(p * (1u32 << octave) as f32);
             total += weight;
             weight *= gain;
@@ -151,7 +149,7 @@ mod tests {
     fn a_periodic_lattice_repeats_and_an_unbounded_one_does_not() {
         let p = Vec3::new(1.25, -0.5, 3.75);
         let shifted = p + Vec3::new(8.0, -16.0, 24.0);
-        let periodic = Lattice::periodic(5, 8);
+        let periodic = Lattice::periodic(5, 3);
         assert_eq!(periodic.cells(p), periodic.cells(shifted));
         assert_eq!(periodic.fractal(p, 3, 0.5), periodic.fractal(shifted, 3, 0.5));
         assert_ne!(Lattice::new(5).cells(p), Lattice::new(5).cells(shifted));

@@ -36,8 +36,7 @@ const BRIGHTEST: f32 = 1e9;
 
 /// Zero for what is no number or negative, a large number for infinity.
 fn tame(value: f32) -> f32 {
-    // `max` returns the other operand for NaN.
-    value.max(0.0).min(BRIGHTEST)
+    if value > 0.0 { value.min(BRIGHTEST) } else { 0.0 }
 }
 
 /// The sRGB transfer function: linear light in [0, 1] to a signal in [0, 1]. [srgb]
@@ -82,12 +81,21 @@ impl Tone {
         })
     }
 
-    /// Display signal (sRGB, in [0, 1]) of every pixel: glow, exposure and curve.
+    /// Display signal (sRGB, in [0, 1]) of every pixel: glow, exposure and curve. Pixels are independent; with
+    /// feature `rayon` they run on the caller's pool.
     fn signals(&self, picture: &Picture) -> Vec<[f32; 3]> {
         let tamed = picture.pixels.iter().map(|pixel| pixel.map(tame)).collect();
         let tamed = Picture { width: picture.width, height: picture.height, pixels: tamed };
-        let glowing = self.glow.spread(&tamed);
-        glowing.pixels.iter().map(|&pixel| self.curve(pixel).map(srgb_from_linear)).collect()
+        let mut pixels = self.glow.spread(&tamed).pixels;
+        let develop = |pixel: &mut [f32; 3]| *pixel = self.curve(*pixel).map(srgb_from_linear);
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            pixels.par_iter_mut().with_min_len(4096).for_each(develop);
+        }
+        #[cfg(not(feature = "rayon"))]
+        pixels.iter_mut().for_each(develop);
+        pixels
     }
 
     /// 8-bit sRGB pixels, row 0 = top.

@@ -50,8 +50,7 @@ impl Cloud {
             detail,
         };
         let fan = |axis: f32| -> [Vec3; 4] {
-            [(0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5)]
-                .map(|(x, y)| Vec3::new(x, y, axis).normalize())
+            [(0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5)].map(|(x, y)| Vec3::new(x, y, axis).normalize())
         };
         cloud.depths = (0..made.shape.len())
             .into_par_iter()

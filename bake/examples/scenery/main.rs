@@ -1,7 +1,12 @@
-//! Pictures to judge the scenery by, with a stand-in for the cloud's light:
-//! `cargo run --release -p squall-bake --example scenery -- cloud OUT.png [key=value …]`
+//! Pictures to judge the scenery by, with a stand-in for the cloud's light; and how long the pieces take.
+//!
+//! `cargo run --release -p squall-bake --example scenery -- cloud OUT.png [key=value …]`: the storm by day;
+//! `… -- compose OUT.png [/camera/pitch_deg=15 …]`: the sample's framing from `data/storm/view.json`;
+//! `… -- time`: microseconds a call.
 
 mod cloud;
+mod compose;
+mod time;
 
 use cloud::Cloud;
 use glam::DVec3;
@@ -24,16 +29,19 @@ fn main() {
     let options: HashMap<String, String> = arguments
         .filter_map(|argument| argument.split_once('=').map(|(key, value)| (key.into(), value.into())))
         .collect();
-    let number = |key: &str, usual: f64| options.get(key).map_or(usual, |v| v.parse().expect(key));
+    let given = |key: &str| options.get(key).map(|value| value.parse::<f64>().expect(key));
     match mode.as_str() {
-        "cloud" => day(&out, &number),
-        _ => eprintln!("usage: scenery cloud OUT.png [key=value …]"),
+        "cloud" => day(&out, &|key, usual| given(key).unwrap_or(usual)),
+        "compose" => compose::compose(&out, &given),
+        "time" => time::time(),
+        _ => eprintln!("usage: scenery cloud OUT.png | compose OUT.png | time"),
     }
 }
 
 /// The cloud alone in daylight: azimuth of the viewer, distance, sun, cells, detail.
 fn day(out: &str, number: &dyn Fn(&str, f64) -> f64) {
-    let cells = GridShape::new(number("nx", 96.0) as u32, number("ny", 64.0) as u32, number("nz", 48.0) as u32);
+    let cells =
+        GridShape::new(number("nx", 96.0) as u32, number("ny", 64.0) as u32, number("nz", 48.0) as u32);
     let started = std::time::Instant::now();
     let made = synth_cloud(CloudKind::Storm, number("seed", 1.0) as u64, Some(cells)).expect("cloud");
     println!("cloud {:.1} s", started.elapsed().as_secs_f64());
@@ -56,8 +64,7 @@ fn day(out: &str, number: &dyn Fn(&str, f64) -> f64) {
     let distance = number("distance", 16_000.0);
     let eye = DVec3::new(distance * cos, distance * sin, number("eye", 30.0));
     let target = DVec3::new(0.0, 0.0, number("target", 5_200.0));
-    let projection =
-        Projection::Perspective { vertical_fov: Radians(number("fov", 48.0).to_radians()) };
+    let projection = Projection::Perspective { vertical_fov: Radians(number("fov", 48.0).to_radians()) };
     let size = [number("width", 960.0) as u32, number("height", 540.0) as u32];
     let camera = Camera::new(eye, target - eye, DVec3::Z, projection, size).expect("camera");
     let mut picture = Picture::new(size[0] as usize, size[1] as usize).expect("picture");

@@ -1,5 +1,7 @@
 //! One file per subcommand; no mathematics in any of them.
 
+mod synth;
+
 use squall_bake::BakeError;
 use squall_runtime::RuntimeError;
 
@@ -12,11 +14,17 @@ pub struct Cli {
 }
 
 #[derive(clap::Subcommand)]
-enum Command {}
+enum Command {
+    /// Makes inputs from seeds.
+    #[command(subcommand)]
+    Synth(synth::Synth),
+}
 
 /// Runs the chosen subcommand.
 pub fn run(cli: Cli) -> anyhow::Result<()> {
-    match cli.command {}
+    match cli.command {
+        Command::Synth(command) => synth::run(command),
+    }
 }
 
 /// Exit code of an error: the innermost one that knows its own, else 3 (bad input).

@@ -72,6 +72,14 @@ pub fn synth_cloud(kind: CloudKind, seed: u64, cells: Option<GridShape>) -> Resu
 }
 
 impl SynthCloud {
+    /// The same cloud with the middle of its grid over (x, y), m.
+    pub fn centred_on(mut self, [x, y]: [f64; 2]) -> Self {
+        for (axis, centre) in [x, y].into_iter().enumerate() {
+            self.origin[axis] = centre - 0.5 * self.cell[axis] * self.shape.to_array()[axis] as f64;
+        }
+        self
+    }
+
     /// Optical depth of every column from top to bottom, x fastest.
     pub fn column_depths(&self) -> Vec<f64> {
         let slab = self.shape.slab_stride();
@@ -86,7 +94,8 @@ impl SynthCloud {
     /// Writes `<out>.f32` and `<out>.json` (an `out` that ends in `.json` loses it first); returns the JSON's
     /// path. The scene file has no lights and cameras beyond one of each to try it with.
     pub fn write(&self, out: &Path) -> Result<PathBuf, BakeError> {
-        let stem = if out.extension().is_some_and(|e| e == "json") { out.with_extension("") } else { out.into() };
+        let stem =
+            if out.extension().is_some_and(|e| e == "json") { out.with_extension("") } else { out.into() };
         let with = |suffix: &str| {
             let mut name = stem.clone().into_os_string();
             name.push(suffix);
@@ -115,7 +124,10 @@ impl SynthCloud {
         };
         let scene = serde_json::json!({
             "name": format!("{kind}-{}", self.seed),
-            "note": format!("squall synth cloud --kind {kind} --seed {}", self.seed),
+            "note": format!(
+                "squall synth cloud --kind {kind} --seed {} --cells {}x{}x{} --centre {},{}",
+                self.seed, self.shape.nx, self.shape.ny, self.shape.nz, centre[0], centre[1],
+            ),
             "units": "metres; extinction in 1/m; intensity in W/sr; radiance in W/(m^2 sr)",
             "kappa_per_m": self.kappa,
             "albedo": self.albedo,
@@ -147,7 +159,7 @@ mod tests {
 
     fn small(kind: CloudKind, seed: u64) -> SynthCloud {
         let cells = match kind {
-            CloudKind::Storm => GridShape::new(32, 24, 24),
+            CloudKind::Storm => GridShape::new(32, 24, 48),
             CloudKind::Layer => GridShape::new(32, 32, 4),
         };
         synth_cloud(kind, seed, Some(cells)).unwrap()

@@ -57,7 +57,7 @@ fn add_doubled(fine: &Picture, weight: f32, coarse: &Picture) -> Picture {
     // Output 2i lies a quarter step before coarse i, output 2i + 1 a quarter step behind it.
     let taps = |i: usize, length: usize| {
         let near = (i / 2).min(length - 1);
-        let far = if i % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(length - 1) };
+        let far = if i.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(length - 1) };
         (near, far)
     };
     let mut pixels = Vec::with_capacity(fine.pixels.len());

@@ -14,9 +14,9 @@ use squall_runtime::random::{Random, hash};
 /// Size of the grid, m, whatever its cells.
 const SIZE: [f64; 3] = [16_800.0, 9_600.0, 9_600.0];
 /// Lowest corner, m above ground: x is downwind, y away from the usual viewer.
-const ORIGIN: [f64; 3] = [-7_600.0, -4_800.0, 1_200.0];
+const ORIGIN: [f64; 3] = [-7_800.0, -4_800.0, 1_400.0];
 /// The flat base, m above ground: where rising air saturates.
-const BASE: f32 = 1_400.0;
+const BASE: f32 = 1_600.0;
 /// The anvil's flat top: the tropopause, m above ground.
 const LID: f32 = 9_500.0;
 /// Nothing of the anvil hangs below this, m above ground.
@@ -187,14 +187,16 @@ impl Storm {
         }
         // The overshooting dome, above the lid.
         let top = trunk(LID);
-        put(top + Vec3::new(-250.0, 0.0, -700.0), 1_500.0);
-        put(top + Vec3::new(350.0, -300.0, -600.0), 1_150.0);
+        put(top + Vec3::new(-250.0, 0.0, -650.0), 1_300.0);
+        put(top + Vec3::new(350.0, -300.0, -600.0), 1_050.0);
 
         // Younger towers upwind and on the near side, lower the further out: the flanking line.
         for (i, angle) in [172.0f64, 215.0, 250.0, 132.0, 300.0, 345.0, 30.0].into_iter().enumerate() {
             let angle = (angle + random.range(-9.0, 9.0)).to_radians();
-            let out = [3_500.0, 2_900.0, 2_300.0, 2_900.0, 2_500.0, 2_600.0, 2_200.0][i] + random.range(-200.0, 200.0);
-            let tall = [3_300.0, 4_400.0, 6_100.0, 5_000.0, 4_300.0, 3_200.0, 5_600.0][i] + random.range(-400.0, 400.0);
+            let out = [3_200.0, 2_900.0, 2_300.0, 2_900.0, 2_500.0, 2_600.0, 2_200.0][i]
+                + random.range(-200.0, 200.0);
+            let tall = [3_300.0, 4_400.0, 6_100.0, 5_000.0, 4_300.0, 3_200.0, 5_600.0][i]
+                + random.range(-400.0, 400.0);
             let (sin, cos) = libm::sincos(angle);
             let (foot_x, foot_y) = (f64::from(ROOT[0]) + out * cos, f64::from(ROOT[1]) + out * sin);
             let mut z = f64::from(BASE) + 200.0;
@@ -217,10 +219,7 @@ impl Storm {
             let out = random.range(2_000.0, 2_700.0);
             let height = f64::from(LID) - random.range(550.0, 900.0);
             let centre = trunk(LID).as_dvec3() + DVec3::new(out * cos, out * sin, 0.0);
-            put(
-                DVec3::new(centre.x, centre.y, height).as_vec3(),
-                random.range(480.0, 700.0) as f32,
-            );
+            put(DVec3::new(centre.x, centre.y, height).as_vec3(), random.range(480.0, 700.0) as f32);
         }
 
         let second = sprout(&mut random, &first, 16, [0.34, 0.55]);
@@ -298,10 +297,10 @@ impl Storm {
         );
         let out = out - 0.22 * fibre * smoothstep(0.2, 0.9, out) * downwind;
         let lid = LID - 160.0 * out * out + 70.0 * self.lattice.fractal(point.with_z(0.0) / 1_300.0, 2, 0.5);
-        let depth = 450.0 + 2_300.0 * libm::expf(-3.2 * out) ;
-        // Pouches under the outer half: round and hanging, one every 700 m.
-        let pouch = (0.62 - self.lattice.cells(point.with_z(0.0) / 720.0)).max(0.0);
-        let hang = 520.0 * pouch * smoothstep(0.3, 0.55, out) * (1.0 - smoothstep(0.75, 1.0, out));
+        let depth = 450.0 + 2_300.0 * libm::expf(-3.2 * out);
+        // Pouches under the outer half: round and hanging, one every kilometre.
+        let pouch = (0.66 - self.lattice.cells(point.with_z(0.0) / 950.0)).max(0.0);
+        let hang = 1_150.0 * pouch * smoothstep(0.25, 0.45, out) * (1.0 - smoothstep(0.8, 1.0, out));
         let bottom = lid - (depth * (1.0 - smoothstep(0.5, 1.1, out))).max(380.0) - hang;
         let above = smoothstep(120.0, -60.0, point.z - lid);
         let below = smoothstep(-120.0, 120.0, point.z - bottom);

@@ -1,6 +1,6 @@
 //! Clear air lit by the sun on a round Earth: single scattering exactly, higher orders as one isotropic term.
-//! [hillaire], with the densities and cross-sections of [bruneton]; our change: the finite solar disc, which
-//! makes the Earth's shadow soft.
+//! [hillaire], with the densities and cross-sections of [bruneton]; our changes: the finite solar disc, which
+//! makes the Earth's shadow soft, and bands where a camera's are instead of single wavelengths.
 //!
 //! | symbol | name            | unit |
 //! | h      | `altitude`      | m    |
@@ -11,7 +11,8 @@
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// Three broad bands, red, green, blue (near 680, 550 and 440 nm).
+/// Three broad bands, red, green, blue: about 580–650, 500–570 and 440–490 nm, where a camera's channels and the
+/// primaries of a display are.
 pub type Bands = [f64; 3];
 
 /// Radius of the Earth, m.
@@ -21,8 +22,9 @@ const TOP: f64 = 100_000.0;
 /// Half the angle that the sun's disc covers, rad.
 const SUN_HALF_ANGLE: f64 = 0.004_65;
 
-/// Scattering of molecules at sea level, 1/m, and their scale height, m. [bruneton]
-const MOLECULES: Bands = [5.802e-6, 13.558e-6, 33.1e-6];
+/// Scattering of molecules at sea level, 1/m (1.24062e-6 λ⁻⁴, λ in µm, at 0.615, 0.535 and 0.465), and their scale
+/// height, m. [bruneton]
+const MOLECULES: Bands = [8.67e-6, 15.14e-6, 26.54e-6];
 const MOLECULES_HEIGHT: f64 = 8_000.0;
 /// Scattering and absorption of haze at sea level in clear weather, 1/m, and its scale height, m. [bruneton]
 const HAZE_SCATTERING: f64 = 3.996e-6;
@@ -30,8 +32,9 @@ const HAZE_ABSORPTION: f64 = 0.444e-6;
 const HAZE_HEIGHT: f64 = 1_200.0;
 /// Mean cosine of haze scattering.
 const HAZE_ASYMMETRY: f64 = 0.8;
-/// Peak absorption of ozone, 1/m, at 25 km, falling linearly to zero 15 km above and below. [bruneton]
-const OZONE: Bands = [0.650e-6, 1.881e-6, 0.085e-6];
+/// Peak absorption of ozone, 1/m, at 25 km, falling linearly to zero 15 km above and below: the band means of
+/// [bruneton]'s cross-sections times 300 Dobson units.
+const OZONE: Bands = [2.03e-6, 1.58e-6, 0.262e-6];
 
 const ALTITUDES: usize = 48;
 const COSINES: usize = 96;
@@ -104,7 +107,7 @@ fn haze_phase(cosine: f64) -> f64 {
 }
 
 impl Atmosphere {
-    /// Fills both tables; about 20 ms. `haze` multiplies the clear-weather aerosol, ≥ 0.
+    /// Fills both tables. `haze` multiplies the clear-weather aerosol, ≥ 0.
     pub fn new(haze: f64, ground_albedo: f64) -> Self {
         let mut air = Self { haze, ground_albedo, transmittance: Vec::new(), echo: Vec::new() };
         air.transmittance = (0..ALTITUDES * COSINES)
@@ -208,7 +211,8 @@ impl Atmosphere {
 
     fn walk(&self, altitude: f64, direction: DVec3, sun: DVec3, steps: usize, isotropic: bool) -> Walk {
         let cosine = direction.z;
-        let ground = if cosine < horizon(altitude) { distance_to(altitude, cosine, EARTH_RADIUS) } else { None };
+        let ground =
+            if cosine < horizon(altitude) { distance_to(altitude, cosine, EARTH_RADIUS) } else { None };
         let length = ground.or_else(|| distance_to(altitude, cosine, EARTH_RADIUS + TOP)).unwrap_or(0.0);
         let towards_sun = direction.dot(sun);
         let (rayleigh, haze) = if isotropic {
@@ -243,8 +247,7 @@ impl Atmosphere {
             let sun_cosine = point.dot(sun) / point.length();
             let direct = self.sunlight(0.0, sun_cosine);
             for band in 0..3 {
-                light[band] +=
-                    through[band] * self.ground_albedo / PI * sun_cosine.max(0.0) * direct[band];
+                light[band] += through[band] * self.ground_albedo / PI * sun_cosine.max(0.0) * direct[band];
             }
         }
         Walk { light, scattered }
@@ -255,11 +258,7 @@ impl Atmosphere {
     pub fn optical_depth(&self, from: f64, to: f64, length: f64) -> Bands {
         let mean = |height: f64| {
             let (a, b) = (from.max(0.0) / height, to.max(0.0) / height);
-            if (b - a).abs() < 1e-6 {
-                libm::exp(-a)
-            } else {
-                (libm::exp(-a) - libm::exp(-b)) / (b - a)
-            }
+            if (b - a).abs() < 1e-6 { libm::exp(-a) } else { (libm::exp(-a) - libm::exp(-b)) / (b - a) }
         };
         let haze = self.haze * (HAZE_SCATTERING + HAZE_ABSORPTION) * mean(HAZE_HEIGHT);
         let air = mean(MOLECULES_HEIGHT);

@@ -1,0 +1,3 @@
+//! Readers: what people hand in, checked and in the units of the inside.
+
+pub mod town;
