@@ -44,6 +44,13 @@ fn fade(t: f32) -> f32 {
     t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 }
 
+/// 0 below `low`, 1 above `high`, 3t² − 2t³ between; with `low` above `high` it falls.
+#[inline]
+pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
 #[inline]
 fn floor_to_i32(value: f32) -> i32 {
     let truncated = value as i32;

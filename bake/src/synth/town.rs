@@ -136,16 +136,12 @@ impl Builder {
         // From incandescent to office tubes.
         let cold = self.range(0.0, 1.0);
         let cold = cold * cold;
-        let level = self.range(0.06, 0.16);
+        let level = self.range(0.11, 0.28);
         Windows {
             pitch: [self.range(2.6, 4.4), self.range(3.2, 3.9)],
             glass: self.range(0.28, 0.6),
             lit,
-            radiance: [
-                level * (1.25 - 0.3 * cold),
-                level * (0.78 + 0.17 * cold),
-                level * (0.36 + 0.55 * cold),
-            ],
+            radiance: [level * (1.3 - 0.35 * cold), level * (0.74 + 0.2 * cold), level * (0.30 + 0.6 * cold)],
             seed: self.random.bits() as u32,
         }
     }

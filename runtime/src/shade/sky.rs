@@ -11,7 +11,7 @@ pub mod atmosphere;
 pub mod harmonics;
 
 use crate::error::RuntimeError;
-use crate::noise::Lattice;
+use crate::noise::{Lattice, smoothstep};
 use atmosphere::{Atmosphere, Bands};
 use glam::{DVec3, Vec3};
 use harmonics::{Harmonics, Y0, Y1, irradiance_from, project};
@@ -109,11 +109,6 @@ fn check(field: &'static str, value: f64, low: f64, high: f64) -> Result<(), Run
         return Ok(());
     }
     Err(RuntimeError::argument(field, format!("a number in [{low}, {high}]"), value))
-}
-
-fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 impl Sky {

@@ -8,7 +8,7 @@ use super::{CloudKind, SynthCloud};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use squall_formats::GridShape;
-use squall_runtime::noise::Lattice;
+use squall_runtime::noise::{Lattice, smoothstep};
 use squall_runtime::random::{Random, hash};
 
 /// Size of the grid, m, whatever its cells.
@@ -94,11 +94,6 @@ pub fn synth(seed: u64, shape: GridShape) -> SynthCloud {
         albedo: 0.999,
         asymmetry: 0.85,
     }
-}
-
-fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 /// Axis of the main tower at height `z`.

@@ -1,6 +1,6 @@
 //! The ground's material: open land, roads with a painted line, puddles, a film of water.
 
-use crate::noise::Lattice;
+use crate::noise::{Lattice, smoothstep};
 use glam::{Vec2, Vec3};
 use squall_formats::section::town::{Ground, Road};
 
@@ -77,8 +77,7 @@ impl Material {
         // Noise finer than the footprint is left out by widening the shore.
         let scale = self.ground.puddle_size * if land { LAND_WIDTH } else { 1.0 };
         let width = SHORE + 0.5 * footprint / scale;
-        let puddle = ((self.level(spot, land) - shore) / width + 0.5).clamp(0.0, 1.0);
-        let puddle = puddle * puddle * (3.0 - 2.0 * puddle);
+        let puddle = smoothstep(shore - 0.5 * width, shore + 0.5 * width, self.level(spot, land));
         let (mut albedo, mut film) = (self.ground.albedo, 0.12);
         if let Some((road, along, across)) = road {
             (albedo, film) = (road.albedo, 0.85);
