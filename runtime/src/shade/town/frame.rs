@@ -110,11 +110,15 @@ impl Town {
             // A slanted surface is covered by an ellipse; its mean width stands for it.
             let slant = -direction.dot(hit.normal);
             let footprint = width / per_side as f32 / slant.max(0.01).sqrt();
-            // Samples of one pixel continue one sequence, so that its facets do not repeat.
-            let offset = Vec2::new(0.618_034, 0.754_877_7) * (sample * quality.facets) as f32;
             // One sample in each row and column shows the points for all.
             let points = if sample % per_side == sample / per_side { per_side as f32 } else { 0.0 };
-            let mirror = Mirror { facets: quality.facets, shift: shift(x, y) + offset, angle, points };
+            let mirror = Mirror {
+                facets: quality.facets,
+                sample: [sample, per_side * per_side],
+                shift: shift(x, y),
+                angle,
+                points,
+            };
             let light = self.shade(direction, &hit, footprint, lighting, mirror);
             for band in 0..3 {
                 pixel.radiance[band] += light[band] / total;

@@ -49,12 +49,15 @@ pub struct Lighting<'a> {
     pub leaves: &'a (dyn Fn(Vec3, Vec3) -> [f32; 3] + Sync),
 }
 
-/// One of the directions in which a rough mirror is looked into.
+/// How a rough mirror is looked into for one sample of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Mirror {
-    /// Facets looked at, at least 1.
+    /// Facets looked at on the roughest film, at least 1; smoother water needs fewer.
     pub facets: u32,
-    /// Place in the unit square that shifts the facets of neighbouring samples against each other.
+    /// Which of the pixel's samples this is and how many there are: together they look along one sequence of
+    /// facets without gap, which is what keeps grain away.
+    pub sample: [u32; 2],
+    /// Place in the unit square that shifts the facets of neighbouring pixels against each other.
     pub shift: Vec2,
     /// Angle that a pixel covers, rad: highlights are never narrower.
     pub angle: f32,
@@ -200,7 +203,7 @@ impl Town {
         for k in 0..facets {
             // Slopes towards and away from the eye move a reflection up and down, which at grazing is most of
             // what happens: they get the sequence's better side.
-            let at = spread(k, mirror.shift);
+            let at = spread(mirror.sample[0] + k * mirror.sample[1], mirror.shift);
             let (toward, aside) = (normal_quantile(at.x), normal_quantile(at.y));
             let tilt = (along * toward + along.perp() * aside) * surface.slope;
             let facet = (hit.normal + tilt.extend(0.0)).normalize();
@@ -265,7 +268,7 @@ mod tests {
 
     const NOTHING: Lighting =
         Lighting { ambient: &dark, points: &[], images: &[], glows: &[], leaves: &black };
-    const MIRROR: Mirror = Mirror { facets: 64, shift: Vec2::ZERO, angle: 1e-3, points: 1.0 };
+    const MIRROR: Mirror = Mirror { facets: 64, sample: [0, 1], shift: Vec2::ZERO, angle: 1e-3, points: 1.0 };
 
     /// Looks from 2 m above the wet plain at a spot ahead, away from the tower.
     fn look(ahead: f32, lighting: &Lighting) -> [f32; 3] {
