@@ -2,6 +2,7 @@
 
 pub mod picture;
 pub mod scene;
+pub mod town;
 
 use crate::error::BakeError;
 use std::path::Path;

@@ -10,10 +10,12 @@ pub mod density;
 pub mod error;
 pub mod input;
 pub mod output;
+pub mod picture;
 pub mod progress;
 pub mod recipe;
 pub mod response;
 pub mod storm;
 pub mod streak;
+pub mod synth;
 
 pub use error::BakeError;

@@ -6,6 +6,7 @@ pub mod density;
 pub mod provenance;
 pub mod response;
 pub mod streak;
+pub mod town;
 
 use crate::ReadError;
 
@@ -36,6 +37,7 @@ pub const KNOWN: &[Tag] = &[
     response::ResponseSection::TAG,
     provenance::ProvenanceSection::TAG,
     streak::StreakSection::TAG,
+    town::TownSection::TAG,
 ];
 
 /// Whether this build reads sections of kind `tag`.

@@ -14,6 +14,7 @@ pub mod flash;
 pub mod load;
 pub mod math;
 pub mod medium;
+pub mod noise;
 pub mod phase;
 pub mod picture;
 pub mod rain;
@@ -21,6 +22,7 @@ pub mod random;
 pub mod relight;
 pub mod shade;
 pub mod stroke;
+pub mod tone;
 pub mod transport;
 
 pub use error::RuntimeError;

@@ -1,3 +1,8 @@
-//! From tables and light to pixels.
+//! From tables and light to pixels: each room takes plain data and writes radiance.
 
 pub mod cloud;
+pub mod detail;
+pub mod environment;
+pub mod sky;
+pub mod town;
+pub mod water;

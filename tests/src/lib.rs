@@ -40,4 +40,6 @@ mod rain;
 #[cfg(test)]
 mod rain_picture;
 #[cfg(test)]
+mod scenery;
+#[cfg(test)]
 mod transport;

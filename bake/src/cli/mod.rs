@@ -5,6 +5,7 @@ mod progress;
 mod query;
 mod solve;
 mod streaks;
+mod synth;
 mod table;
 
 use squall_bake::BakeError;
@@ -26,6 +27,9 @@ enum Command {
     /// Turns pictures of streaks into cosines, and says how well.
     #[command(subcommand)]
     Streaks(streaks::Command),
+    /// Makes inputs from seeds.
+    #[command(subcommand)]
+    Synth(synth::Synth),
 }
 
 /// Runs the chosen subcommand.
@@ -35,6 +39,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
         Command::Streaks(command) => streaks::run(command),
+        Command::Synth(command) => synth::run(command),
     }
 }
 

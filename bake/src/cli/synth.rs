@@ -1,0 +1,94 @@
+//! `squall synth …`: inputs from seeds.
+
+use squall_bake::synth::cloud::{CloudKind, synth_cloud};
+use squall_bake::synth::town::synth_town;
+use squall_bake::{input, output};
+use squall_formats::GridShape;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Makes inputs from seeds, so that a storm can be baked with nothing but this program.
+#[derive(clap::Subcommand)]
+pub enum Synth {
+    /// A cloud: a density grid (OUT.f32) with its scene file (OUT.json).
+    Cloud(Cloud),
+    /// A small town with a wet road, lamps and hills, as JSON.
+    Town(Town),
+}
+
+/// Arguments of `squall synth cloud`.
+#[derive(clap::Args)]
+pub struct Cloud {
+    /// Name of the two files, without extension or with .json.
+    #[arg(short, long, value_name = "OUT")]
+    out: PathBuf,
+    /// What kind of cloud.
+    #[arg(long, value_enum, default_value_t = Kind::Storm)]
+    kind: Kind,
+    /// Seed; the same seed gives the same bytes.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Cells along x, y and z [default: 96x64x48 for a storm, 32x32x4 for a layer].
+    #[arg(long, value_name = "NXxNYxNZ", value_parser = parse_cells)]
+    cells: Option<GridShape>,
+    /// Middle of the grid on the ground, m.
+    #[arg(long, value_name = "X,Y", value_parser = parse_place, default_value = "0,0", allow_hyphen_values = true)]
+    centre: [f64; 2],
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Kind {
+    /// A thunderstorm: flat base, towers, anvil.
+    Storm,
+    /// A broken stratocumulus layer.
+    Layer,
+}
+
+/// Arguments of `squall synth town`.
+#[derive(clap::Args)]
+pub struct Town {
+    /// The JSON file.
+    #[arg(short, long, value_name = "OUT")]
+    out: PathBuf,
+    /// Seed; the same seed gives the same bytes.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+fn parse_cells(text: &str) -> Result<GridShape, String> {
+    let counts: Vec<u32> = text.split('x').map_while(|part| part.trim().parse().ok()).collect();
+    match counts[..] {
+        [nx, ny, nz] if text.split('x').count() == 3 => Ok(GridShape::new(nx, ny, nz)),
+        _ => Err("wanted three counts such as 96x64x48".into()),
+    }
+}
+
+fn parse_place(text: &str) -> Result<[f64; 2], String> {
+    let parts: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+    match parts[..] {
+        [x, y] if text.split(',').count() == 2 && x.abs() <= 1e6 && y.abs() <= 1e6 => Ok([x, y]),
+        _ => Err("wanted two distances in metres within 1000 km, such as 0,13000".into()),
+    }
+}
+
+/// Runs the chosen maker.
+pub fn run(command: Synth) -> anyhow::Result<()> {
+    match command {
+        Synth::Cloud(arguments) => {
+            let kind = match arguments.kind {
+                Kind::Storm => CloudKind::Storm,
+                Kind::Layer => CloudKind::Layer,
+            };
+            let cloud = synth_cloud(kind, arguments.seed, arguments.cells)?.centred_on(arguments.centre);
+            let scene = cloud.write(&arguments.out)?;
+            println!("{}", scene.display());
+        }
+        Synth::Town(arguments) => {
+            let note = format!("squall synth town --seed {}", arguments.seed);
+            let text = input::town::town_json(&synth_town(arguments.seed), &note);
+            output::write_atomically(&arguments.out, |out| out.write_all(text.as_bytes()))?;
+            println!("{}", arguments.out.display());
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,129 @@
+//! Pictures into files: PNG for eyes, EXR for numbers. Each appears whole or not at all.
+
+use crate::error::BakeError;
+use crate::output::write_atomically;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    LineOrder, WritableImage,
+};
+use squall_runtime::picture::Picture;
+use squall_runtime::tone::Tone;
+use std::io::Write;
+use std::path::Path;
+
+fn encoding_error(error: impl std::error::Error + Send + Sync + 'static) -> std::io::Error {
+    std::io::Error::other(error)
+}
+
+fn write_png(path: &Path, picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> Result<(), BakeError> {
+    write_atomically(path, |out| {
+        let mut encoder = png::Encoder::new(out, picture.width as u32, picture.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(depth);
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+        let mut writer = encoder.write_header().map_err(encoding_error)?;
+        writer.write_image_data(bytes).map_err(encoding_error)?;
+        writer.finish().map_err(encoding_error)
+    })
+}
+
+/// An 8-bit sRGB picture, developed with `tone`.
+pub fn write_png8(path: &Path, picture: &Picture, tone: &Tone) -> Result<(), BakeError> {
+    write_png(path, picture, png::BitDepth::Eight, tone.to_srgb8(picture).as_flattened())
+}
+
+/// A 16-bit sRGB picture, developed with `tone`.
+pub fn write_png16(path: &Path, picture: &Picture, tone: &Tone) -> Result<(), BakeError> {
+    let bytes: Vec<u8> = tone.to_srgb16(picture).iter().flatten().flat_map(|v| v.to_be_bytes()).collect();
+    write_png(path, picture, png::BitDepth::Sixteen, &bytes)
+}
+
+/// The radiance itself, 32-bit float channels R, G, B, ZIP-compressed; no tone mapping.
+pub fn write_exr(path: &Path, picture: &Picture) -> Result<(), BakeError> {
+    let band = |band: usize| picture.pixels.iter().map(|pixel| pixel[band]).collect();
+    let channels = vec![("R", band(0)), ("G", band(1)), ("B", band(2))];
+    write_channels(path, (picture.width, picture.height), channels)
+}
+
+/// One float channel named `Y` (a field, a depth, a grey image), row 0 = top, `width * height` values.
+pub fn write_grey_exr(path: &Path, width: usize, height: usize, values: &[f32]) -> Result<(), BakeError> {
+    assert_eq!(values.len(), width * height, "one value a pixel");
+    write_channels(path, (width, height), vec![("Y", values.to_vec())])
+}
+
+fn write_channels(
+    path: &Path,
+    size: (usize, usize),
+    channels: Vec<(&str, Vec<f32>)>,
+) -> Result<(), BakeError> {
+    let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
+    let channels = AnyChannels::sort(channels.collect());
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let image = Image::from_layer(Layer::new(size, LayerAttributes::default(), encoding, channels));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    // One thread: the order of compressed blocks, and so the bytes, repeat.
+    let encoded = image.write().non_parallel().to_buffered(&mut bytes);
+    write_atomically(path, |out| {
+        encoded.map_err(encoding_error)?;
+        out.write_all(bytes.get_ref())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::prelude::*;
+
+    fn sample() -> Picture {
+        let pixels = (0..35).map(|i| [i as f32, 0.25 * i as f32, 1e4 / (1.0 + i as f32)]).collect();
+        Picture { width: 7, height: 5, pixels }
+    }
+
+    #[test]
+    fn exr_keeps_every_bit_and_the_top_row_on_top() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        write_exr(&path, &sample()).unwrap();
+        let image = read_first_rgba_layer_from_file(
+            &path,
+            |size, _| vec![[0f32; 3]; size.area()],
+            |pixels, at, (r, g, b, _): (f32, f32, f32, f32)| pixels[at.y() * 7 + at.x()] = [r, g, b],
+        )
+        .unwrap();
+        assert_eq!(image.layer_data.channel_data.pixels, sample().pixels);
+        let again = folder.path().join("b.exr");
+        write_exr(&again, &sample()).unwrap();
+        assert_eq!(std::fs::read(path).unwrap(), std::fs::read(again).unwrap());
+    }
+
+    #[test]
+    fn png_holds_the_developed_picture_in_both_depths() {
+        let folder = tempfile::tempdir().unwrap();
+        let tone = Tone::default();
+        let read = |name: &str| {
+            let file = std::io::BufReader::new(std::fs::File::open(folder.path().join(name)).unwrap());
+            let mut reader = png::Decoder::new(file).read_info().unwrap();
+            let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut bytes).unwrap();
+            bytes
+        };
+        write_png8(&folder.path().join("8.png"), &sample(), &tone).unwrap();
+        assert_eq!(read("8.png"), tone.to_srgb8(&sample()).as_flattened());
+        write_png16(&folder.path().join("16.png"), &sample(), &tone).unwrap();
+        let wide = read("16.png");
+        let first = u16::from_be_bytes([wide[0], wide[1]]);
+        assert_eq!(first, tone.to_srgb16(&sample())[0][0]);
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_is_refused_and_nothing_appears() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("none/picture.exr");
+        assert!(write_exr(&path, &sample()).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

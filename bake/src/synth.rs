@@ -1,0 +1,4 @@
+//! Inputs made from seeds, so that a storm can be baked with nothing but this program.
+
+pub mod cloud;
+pub mod town;

@@ -1,0 +1,51 @@
+//! `squall synth` as a script sees it: files, exit codes, messages.
+
+use assert_cmd::Command;
+use std::path::Path;
+
+fn squall(arguments: &[&str]) -> std::process::Output {
+    Command::cargo_bin("squall").unwrap().args(arguments).output().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn the_same_seed_writes_the_same_files_with_or_without_an_extension() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a", "b.json"] {
+        let out = folder.path().join(name);
+        let made = squall(&["synth", "cloud", "-o", text(&out), "--kind", "layer", "--seed", "5"]);
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    }
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(read("a.f32").len(), 32 * 32 * 4 * 4);
+    assert_eq!(read("a.f32"), read("b.f32"));
+    let scene: serde_json::Value = serde_json::from_slice(&read("b.json")).unwrap();
+    assert_eq!(scene["density_file"], "b.f32");
+    assert_eq!(scene["cell_m"], serde_json::json!([50.0, 50.0, 50.0]));
+    assert_eq!((&scene["albedo"], &scene["g"]), (&serde_json::json!(0.999), &serde_json::json!(0.85)));
+}
+
+#[test]
+fn a_storm_goes_where_it_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("storm.json");
+    let made = squall(&["synth", "cloud", "-o", text(&out), "--cells", "16x16x16", "--centre", "-400,13000"]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let scene: serde_json::Value = serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap();
+    assert_eq!(scene["origin_m"], serde_json::json!([-8800.0, 8200.0, 1400.0]));
+}
+
+#[test]
+fn mistakes_have_their_exit_codes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("x");
+    let code = |arguments: &[&str]| squall(arguments).status.code();
+    assert_eq!(code(&["synth", "cloud"]), Some(2), "no output");
+    assert_eq!(code(&["synth", "cloud", "-o", text(&out), "--cells", "9x9"]), Some(2));
+    assert_eq!(code(&["synth", "cloud", "-o", text(&out), "--cells", "9x9x9"]), Some(3));
+    assert_eq!(code(&["synth", "town", "-o", text(folder.path())]), Some(3), "a folder");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}

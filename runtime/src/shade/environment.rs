@@ -1,0 +1,94 @@
+//! A small picture of everything beyond the town, by direction: what reflections look into.
+//!
+//! Marching a cloud for every mirrored ray would cost more than the picture itself; a few ten thousand rays into a
+//! window of azimuth and elevation, read back bilinearly, cost little and blur nothing that ripples leave sharp.
+
+use glam::Vec3;
+use squall_formats::units::Radians;
+
+/// Which directions the picture holds, and how finely.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Middle, from +x towards +y.
+    pub heading: Radians,
+    /// Half the width in azimuth, in (0, π].
+    pub half_width: Radians,
+    /// Highest elevation, in (0, π/2]; the lowest is 0.
+    pub top: Radians,
+    /// Columns and rows, at least 2 each.
+    pub size: [usize; 2],
+}
+
+/// The picture. Directions outside its window read its nearest edge.
+pub struct Environment {
+    window: Window,
+    pixels: Vec<[f32; 3]>,
+}
+
+impl Environment {
+    /// Fills the picture with `radiance` of unit directions, row by row.
+    pub fn new(window: Window, radiance: &(dyn Fn(Vec3) -> [f32; 3] + Sync)) -> Self {
+        let window = Window { size: window.size.map(|count| count.max(2)), ..window };
+        let [columns, rows] = window.size;
+        let mut pixels = vec![[0.0; 3]; columns * rows];
+        let row = |(y, row): (usize, &mut [[f32; 3]])| {
+            let (rise, level) = libm::sincos(window.top.0 * y as f64 / (rows - 1) as f64);
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let across = 2.0 * x as f64 / (columns - 1) as f64 - 1.0;
+                let (sin, cos) = libm::sincos(window.heading.0 + across * window.half_width.0);
+                *pixel = radiance(Vec3::new((level * cos) as f32, (level * sin) as f32, rise as f32));
+            }
+        };
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            pixels.par_chunks_mut(columns).enumerate().for_each(row);
+        }
+        #[cfg(not(feature = "rayon"))]
+        pixels.chunks_mut(columns).enumerate().for_each(row);
+        Self { window, pixels }
+    }
+
+    /// Radiance from unit `direction`, bilinear.
+    pub fn lookup(&self, direction: Vec3) -> [f32; 3] {
+        let [columns, rows] = self.window.size;
+        let azimuth = libm::atan2f(direction.y, direction.x);
+        let off = f64::from(azimuth) - self.window.heading.0;
+        let off = off - std::f64::consts::TAU * libm::rint(off / std::f64::consts::TAU);
+        let across = (0.5 + 0.5 * off / self.window.half_width.0).clamp(0.0, 1.0) * (columns - 1) as f64;
+        let elevation = f64::from(libm::asinf(direction.z.clamp(0.0, 1.0)));
+        let up = (elevation / self.window.top.0).clamp(0.0, 1.0) * (rows - 1) as f64;
+        let (x, y) = ((across as usize).min(columns - 2), (up as usize).min(rows - 2));
+        let (u, v) = ((across - x as f64) as f32, (up - y as f64) as f32);
+        let at = |x: usize, y: usize| self.pixels[x + columns * y];
+        let (a, b, c, d) = (at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1));
+        std::array::from_fn(|band| {
+            let low = a[band] + u * (b[band] - a[band]);
+            let high = c[band] + u * (d[band] - c[band]);
+            low + v * (high - low)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_smooth_sky_reads_back_and_outside_reads_the_edge() {
+        /// Bilinear interpolation of a linear function of z on 64 rows, second order in the step.
+        const INTERPOLATION: f32 = 1e-3;
+        let window =
+            Window { heading: Radians(3.0), half_width: Radians(1.0), top: Radians(0.8), size: [64, 64] };
+        let environment = Environment::new(window, &|d| [d.z, d.x, 1.0]);
+        for (azimuth, elevation) in [(2.2f32, 0.1f32), (3.0, 0.5), (-2.6, 0.7)] {
+            let (sa, ca) = libm::sincosf(azimuth);
+            let (se, ce) = libm::sincosf(elevation);
+            let read = environment.lookup(Vec3::new(ce * ca, ce * sa, se));
+            assert!((read[0] - se).abs() < INTERPOLATION && (read[1] - ce * ca).abs() < INTERPOLATION);
+            assert_eq!(read[2], 1.0);
+        }
+        let edge = environment.lookup(Vec3::Z)[0];
+        assert!((edge - libm::sinf(0.8)).abs() < INTERPOLATION, "{edge}");
+    }
+}

@@ -1,0 +1,247 @@
+//! A whole picture of the town: light, cover and depth for every pixel.
+
+use super::Town;
+use super::light::{Lighting, Mirror};
+use crate::camera::{Camera, Projection};
+use crate::random::mix;
+use glam::{DVec3, Vec2, Vec3};
+
+/// How finely a picture is sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Samples along each side of a pixel, at least 1.
+    pub samples: u32,
+    /// Mirror directions per sample, at least 1.
+    pub facets: u32,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self { samples: 3, facets: 3 }
+    }
+}
+
+/// What a pixel shows of the town.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TownPixel {
+    /// Radiance of the town's share of the pixel, W/(m² sr), already times `cover`, plus visible lamps. A picture
+    /// is `radiance + (1 − cover) · sky`.
+    pub radiance: [f32; 3],
+    /// Share of the pixel that the town and its ground cover, in [0, 1].
+    pub cover: f32,
+    /// From the eye along the ray through the pixel's centre, m; infinity where it leaves.
+    pub distance: f32,
+    /// The same along the camera's axis (planar depth), m.
+    pub depth: f32,
+    /// Normal at the centre, zero where the ray leaves.
+    pub normal: Vec3,
+}
+
+/// A picture of the town; kept between frames, it is allocated once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TownFrame {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// `width * height` pixels, row 0 = top, x fastest.
+    pub pixels: Vec<TownPixel>,
+}
+
+const SKY: TownPixel = TownPixel {
+    radiance: [0.0; 3],
+    cover: 0.0,
+    distance: f32::INFINITY,
+    depth: f32::INFINITY,
+    normal: Vec3::ZERO,
+};
+
+/// Radius of a lamp's glass, m.
+const LAMP_RADIUS: f32 = 0.15;
+
+/// A pixel's own place in the unit square. A hash: regular patterns with the same spread show as a mesh.
+fn shift(x: usize, y: usize) -> Vec2 {
+    let bits = mix((x as u64) << 32 | y as u64);
+    Vec2::new((bits >> 40) as f32, (bits >> 8 & 0xFF_FFFF) as f32) * (1.0 / 16_777_216.0)
+}
+
+impl Town {
+    /// Renders what `camera` sees into `frame`.
+    ///
+    /// Rows are independent; with feature `rayon` they run on the caller's pool, and any number of threads
+    /// gives the same bytes.
+    pub fn render(&self, camera: &Camera, lighting: &Lighting, quality: Quality, frame: &mut TownFrame) {
+        (frame.width, frame.height) = (camera.width as usize, camera.height as usize);
+        frame.pixels.resize(frame.width * frame.height, SKY);
+        let width = frame.width;
+        let row = |(y, row): (usize, &mut [TownPixel])| {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                *pixel = self.pixel(camera, lighting, quality, [x, y]);
+            }
+        };
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            frame.pixels.par_chunks_mut(width).enumerate().for_each(row);
+        }
+        #[cfg(not(feature = "rayon"))]
+        frame.pixels.chunks_mut(width).enumerate().for_each(row);
+        self.draw_lamps(camera, frame);
+    }
+
+    fn pixel(&self, camera: &Camera, lighting: &Lighting, quality: Quality, [x, y]: [usize; 2]) -> TownPixel {
+        let per_side = quality.samples.max(1);
+        let total = (per_side * per_side) as f32;
+        let angle = match camera.projection {
+            Projection::Perspective { .. } => 1.0 / camera.pixels_per_metre() as f32,
+            Projection::Orthographic { .. } => 0.0,
+        };
+        let mut pixel = SKY;
+        for sample in 0..per_side * per_side {
+            let at = |index: u32| (f64::from(index) + 0.5) / f64::from(per_side);
+            let (u, v) = (at(sample % per_side), at(sample / per_side));
+            let ray = camera.ray(x as f64 + u, y as f64 + v);
+            let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
+            let Some(hit) = self.trace(origin, direction, f32::MAX) else { continue };
+            let width = match camera.projection {
+                Projection::Perspective { .. } => angle * hit.distance,
+                Projection::Orthographic { .. } => 1.0 / camera.pixels_per_metre() as f32,
+            };
+            // A slanted surface is covered by an ellipse; its mean width stands for it.
+            let slant = -direction.dot(hit.normal);
+            let footprint = width / per_side as f32 / slant.max(0.01).sqrt();
+            // One sample in each row and column shows the points for all.
+            let points = if sample % per_side == sample / per_side { per_side as f32 } else { 0.0 };
+            let mirror = Mirror {
+                facets: quality.facets,
+                sample: [sample, per_side * per_side],
+                shift: shift(x, y),
+                angle,
+                points,
+            };
+            let light = self.shade(direction, &hit, footprint, lighting, mirror);
+            for band in 0..3 {
+                pixel.radiance[band] += light[band] / total;
+            }
+            pixel.cover += 1.0 / total;
+        }
+        let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
+        if let Some(hit) = self.trace(ray.origin.as_vec3(), ray.direction.as_vec3(), f32::MAX) {
+            pixel.distance = hit.distance;
+            pixel.depth = hit.distance * ray.direction.dot(camera.forward) as f32;
+            pixel.normal = hit.normal;
+        }
+        pixel
+    }
+
+    /// Adds the street lamps that are in view as small round spots that carry all their light.
+    fn draw_lamps(&self, camera: &Camera, frame: &mut TownFrame) {
+        for lamp in &self.lamps {
+            let position = Vec3::from_array(lamp.position);
+            let Some(place) = camera.project(position.as_dvec3()) else { continue };
+            let eye = match camera.projection {
+                Projection::Perspective { .. } => camera.position,
+                Projection::Orthographic { .. } => DVec3::from(position) - camera.forward * place.depth,
+            };
+            let distance = (position.as_dvec3() - eye).length();
+            if place.depth <= 0.0 || self.is_blocked(eye.as_vec3(), position) {
+                continue;
+            }
+            let per_metre = match camera.projection {
+                Projection::Perspective { .. } => camera.pixels_per_metre() / distance,
+                Projection::Orthographic { .. } => camera.pixels_per_metre(),
+            } as f32;
+            // Radiance × area it covers = intensity: spread over a disc not below a pixel's own blur.
+            let sigma = (LAMP_RADIUS * per_metre).max(0.6);
+            let (cx, cy) = (place.pixel.x as f32, place.pixel.y as f32);
+            let reach = (3.0 * sigma).ceil();
+            let range = |middle: f32, count: usize| {
+                let low = (middle - reach).max(0.0) as usize;
+                let high = (middle + reach + 1.0).clamp(0.0, count as f32) as usize;
+                low..high
+            };
+            let scale = per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);
+            for y in range(cy, frame.height) {
+                for x in range(cx, frame.width) {
+                    let (dx, dy) = (x as f32 + 0.5 - cx, y as f32 + 0.5 - cy);
+                    let share = scale * libm::expf(-(dx * dx + dy * dy) / (2.0 * sigma * sigma));
+                    let pixel = &mut frame.pixels[y * frame.width + x];
+                    for band in 0..3 {
+                        pixel.radiance[band] += lamp.intensity[band] * share;
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shade::town::tests::small_town;
+    use squall_formats::units::Radians;
+
+    fn camera() -> Camera {
+        let projection = Projection::Perspective { vertical_fov: Radians(0.9) };
+        Camera::new(DVec3::new(0.0, -20.0, 3.0), DVec3::new(0.0, 1.0, 0.1), DVec3::Z, projection, [64, 48])
+            .unwrap()
+    }
+
+    fn lighting<'a>() -> Lighting<'a> {
+        Lighting {
+            ambient: &|_| [0.1, 0.15, 0.3],
+            points: &[],
+            images: &[],
+            glows: &[],
+            leaves: &|_, direction| [direction.z; 3],
+        }
+    }
+
+    #[test]
+    fn depth_is_infinite_in_the_sky_and_right_on_the_ground() {
+        let (town, camera) = (small_town(), camera());
+        let mut frame = TownFrame::default();
+        town.render(&camera, &lighting(), Quality::default(), &mut frame);
+        let top = &frame.pixels[0];
+        assert_eq!((top.cover, top.depth, top.distance), (0.0, f32::INFINITY, f32::INFINITY));
+        let at = frame.pixels.len() - 60;
+        let bottom = &frame.pixels[at];
+        assert_eq!((bottom.cover, bottom.normal), (1.0, Vec3::Z));
+        let ray = camera.ray(4.5, 47.5);
+        let wanted = -3.0 / ray.direction.z;
+        assert!((f64::from(bottom.distance) / wanted - 1.0).abs() < 1e-5);
+        let planar = wanted * ray.direction.dot(camera.forward);
+        assert!((f64::from(bottom.depth) / planar - 1.0).abs() < 1e-5);
+        assert!(frame.pixels.iter().all(|p| p.radiance.iter().all(|v| v.is_finite() && *v >= 0.0)));
+    }
+
+    #[test]
+    fn a_lamp_adds_its_whole_light_to_the_picture() {
+        /// The spot is cut at three standard deviations.
+        const CUT: f32 = 0.02;
+        let (town, camera) = (small_town(), camera());
+        let empty = vec![SKY; 64 * 48];
+        let mut frame = TownFrame { width: 64, height: 48, pixels: empty };
+        town.draw_lamps(&camera, &mut frame);
+        let sum: f32 = frame.pixels.iter().map(|pixel| pixel.radiance[0]).sum();
+        // Each pixel near the axis covers 1/f² steradian at unit distance.
+        let per_metre = camera.pixels_per_metre() as f32;
+        let way = Vec3::new(4.0, 50.0, 5.0);
+        let wanted = 10.0 * per_metre * per_metre / way.length_squared();
+        assert!((sum / wanted - 1.0).abs() < CUT, "{sum} against {wanted}");
+    }
+
+    #[cfg(feature = "rayon")]
+    #[test]
+    fn any_number_of_threads_gives_the_same_bytes() {
+        let render = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut frame = TownFrame::default();
+            pool.install(|| {
+                small_town().render(&camera(), &lighting(), Quality::default(), &mut frame);
+            });
+            frame
+        };
+        assert_eq!(render(1), render(8));
+    }
+}

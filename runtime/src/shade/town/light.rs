@@ -1,0 +1,357 @@
+//! How a town's surfaces are lit, and what wet ground mirrors.
+//!
+//! The mirror is the water's exact Fresnel share of what tilted facets see. Broad things (sky, cloud, walls) are
+//! seen along a few stratified facet normals; points (street lamps, a flash's channel) have a closed form and so
+//! neither grain nor gaps. Near grazing, the facets' spread alone draws reflections out towards the viewer: the
+//! streaks of [toyshop] §6.3 without a blur pass.
+
+use super::ground::FILM_SLOPE;
+use super::{Hit, Surface, Town};
+use crate::shade::water::{GLASS, fresnel_reflectance, rippled_highlight, water_reflectance};
+use glam::{Vec2, Vec3};
+
+/// A light without extent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointLight {
+    /// Where, m.
+    pub position: Vec3,
+    /// Radiant intensity per channel, W/sr.
+    pub intensity: [f32; 3],
+    /// Share of it that arrives through rain and cloud, in [0, 1].
+    pub visibility: f32,
+}
+
+/// A light that fills a ball, as the lit part of a cloud does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GlowLight {
+    /// Middle of the ball, m.
+    pub centre: Vec3,
+    /// Its radius, m.
+    pub radius: f32,
+    /// Mean radiance of its face, W/(m² sr).
+    pub radiance: [f32; 3],
+}
+
+/// Everything that shines on the town from outside; its own lamps come on top.
+#[derive(Clone, Copy)]
+pub struct Lighting<'a> {
+    /// Irradiance of the sky on a surface by its unit normal, W/m².
+    pub ambient: &'a (dyn Fn(Vec3) -> [f32; 3] + Sync),
+    /// Points that light surfaces and cast shadows: a stroke as a handful of points.
+    pub points: &'a [PointLight],
+    /// Points whose image stands in the water: a stroke's channel, finely divided. What is listed here must not
+    /// be in the closure that says what leaving rays see, or its image stands there twice.
+    pub images: &'a [PointLight],
+    /// Lit cloud, as light on surfaces without shadows; its image comes from the closure.
+    pub glows: &'a [GlowLight],
+    /// Radiance of a ray (origin m, unit direction) that meets nothing: sky and cloud, W/(m² sr). Reflections alone
+    /// ask for it, several times a pixel: [`crate::shade::environment`] makes it cheap.
+    pub leaves: &'a (dyn Fn(Vec3, Vec3) -> [f32; 3] + Sync),
+}
+
+/// How a rough mirror is looked into for one sample of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Mirror {
+    /// Facets looked at on the roughest film, at least 1; smoother water needs fewer.
+    pub facets: u32,
+    /// Which of the pixel's samples this is and how many there are: together they look along one sequence of
+    /// facets without gap, which is what keeps grain away.
+    pub sample: [u32; 2],
+    /// Place in the unit square that shifts the facets of neighbouring pixels against each other.
+    pub shift: Vec2,
+    /// Angle that a pixel covers, rad: highlights are never narrower.
+    pub angle: f32,
+    /// Factor on the images of points; 0 leaves them out. They are smooth over a pixel, so that a few of its
+    /// samples can show them for all.
+    pub points: f32,
+}
+
+/// Irradiance below which a light is not worth its cosine, W/m² per W/m² of the brightest.
+const FAINT: f32 = 1e-7;
+
+/// Irradiance of one point on a surface, per channel, without shadow.
+fn irradiance(light: &PointLight, point: Vec3, normal: Vec3) -> [f32; 3] {
+    let way = light.position - point;
+    let squared = way.length_squared().max(1e-6);
+    let cosine = normal.dot(way) / squared.sqrt();
+    let share = light.visibility * cosine.max(0.0) / squared;
+    light.intensity.map(|value| value * share)
+}
+
+fn add(sum: &mut [f32; 3], factor: f32, value: [f32; 3]) {
+    for band in 0..3 {
+        sum[band] += factor * value[band];
+    }
+}
+
+/// The k-th point of a sequence that fills the unit square evenly, and its first side best of all: multiples of
+/// the golden ratio there, of a number far from it along the other.
+fn spread(k: u32, shift: Vec2) -> Vec2 {
+    let at = Vec2::new(0.618_034, 0.754_877_7) * k as f32 + shift;
+    at - at.floor()
+}
+
+/// The value that a normal variable stays below with probability `share`, cut at ±2.9: polynomial of [giles],
+/// error below 1e-4.
+fn normal_quantile(share: f32) -> f32 {
+    const POWERS: [f32; 9] = [
+        2.810_226_4e-8,
+        3.432_739_4e-7,
+        -3.523_387_7e-6,
+        -4.391_506_5e-6,
+        2.185_808_7e-4,
+        -1.253_725e-3,
+        -4.177_681_6e-3,
+        0.246_640_73,
+        1.501_409_4,
+    ];
+    let x = 2.0 * share.clamp(0.002, 0.998) - 1.0;
+    let w = -libm::logf((1.0 - x) * (1.0 + x)) - 2.5;
+    std::f32::consts::SQRT_2 * x * POWERS.iter().fold(0.0, |sum, power| sum * w + power)
+}
+
+impl Town {
+    /// Irradiance of everything on a spot, W/m².
+    pub fn irradiance(&self, hit: &Hit, lighting: &Lighting) -> [f32; 3] {
+        let mut sum = (lighting.ambient)(hit.normal);
+        for glow in lighting.glows {
+            let way = glow.centre - hit.point;
+            let squared = way.length_squared().max(1e-6);
+            // A ball of radiance L sends π L (r/d)² to a surface that faces it.
+            let share = (glow.radius * glow.radius / squared).min(1.0);
+            let cosine = (hit.normal.dot(way) / squared.sqrt()).max(0.0);
+            add(&mut sum, std::f32::consts::PI * share * cosine, glow.radiance);
+        }
+        let start = Self::lifted(hit);
+        for light in lighting.points {
+            let own = irradiance(light, hit.point, hit.normal);
+            if own.iter().any(|&v| v > 0.0) && !self.is_blocked(start, light.position) {
+                add(&mut sum, 1.0, own);
+            }
+        }
+        for lamp in self.street_lights() {
+            let own = irradiance(&lamp, hit.point, hit.normal);
+            if own[0] + own[1] + own[2] > FAINT {
+                add(&mut sum, 1.0, own);
+            }
+        }
+        sum
+    }
+
+    fn street_lights(&self) -> impl Iterator<Item = PointLight> {
+        self.lamps.iter().map(|lamp| PointLight {
+            position: Vec3::from_array(lamp.position),
+            intensity: lamp.intensity,
+            visibility: 1.0,
+        })
+    }
+
+    /// What a spot sends back towards the eye all around: its own light and what it scatters.
+    fn matt(&self, hit: &Hit, surface: &Surface, lighting: &Lighting) -> [f32; 3] {
+        let arriving = self.irradiance(hit, lighting);
+        std::array::from_fn(|band| {
+            surface.emission[band] + surface.albedo[band] * arriving[band] / std::f32::consts::PI
+        })
+    }
+
+    /// Radiance of what a ray in unit `direction` met, towards where it came from, W/(m² sr).
+    ///
+    /// `footprint` is the width that the sample covers there, m.
+    pub fn shade(
+        &self,
+        direction: Vec3,
+        hit: &Hit,
+        footprint: f32,
+        lighting: &Lighting,
+        mirror: Mirror,
+    ) -> [f32; 3] {
+        let surface = self.surface(hit, footprint);
+        let mut light = self.matt(hit, &surface, lighting);
+        if surface.glass > 0.0 {
+            let cosine = -direction.dot(hit.normal);
+            let seen = direction + hit.normal * (2.0 * cosine);
+            if seen.z > 0.0 {
+                let share = surface.glass * fresnel_reflectance(cosine, GLASS);
+                add(&mut light, share, (lighting.leaves)(Self::lifted(hit), seen));
+            }
+        }
+        if surface.wet > 0.0 {
+            let (mirrored, share) = self.mirrored(direction, hit, &surface, lighting, mirror);
+            for band in 0..3 {
+                light[band] += surface.wet * (mirrored[band] - share * light[band]);
+            }
+        }
+        light
+    }
+
+    /// Light from the water's facets and the share that they keep from what lies below.
+    fn mirrored(
+        &self,
+        direction: Vec3,
+        hit: &Hit,
+        surface: &Surface,
+        lighting: &Lighting,
+        mirror: Mirror,
+    ) -> ([f32; 3], f32) {
+        let start = Self::lifted(hit);
+        let to_eye = -direction;
+        let along = direction.truncate().normalize_or(Vec2::X);
+        let (mut sum, mut share, mut weights) = ([0.0f32; 3], 0.0, 0.0);
+        // A rough film needs all facets, still water few: the samples of a pixel differ anyway.
+        let facets =
+            (mirror.facets as f32 * (surface.slope / FILM_SLOPE).sqrt().min(1.0)).ceil().max(1.0) as u32;
+        for k in 0..facets {
+            // Slopes towards and away from the eye move a reflection up and down, which at grazing is most of
+            // what happens: they get the sequence's better side.
+            let at = spread(mirror.sample[0] + k * mirror.sample[1], mirror.shift);
+            let (toward, aside) = (normal_quantile(at.x), normal_quantile(at.y));
+            let tilt = (along * toward + along.perp() * aside) * surface.slope;
+            let facet = (hit.normal + tilt.extend(0.0)).normalize();
+            // A facet shows itself as large as it is seen.
+            let seen = to_eye.dot(facet);
+            if seen <= 0.0 {
+                continue;
+            }
+            let mut onward = direction + facet * (2.0 * seen);
+            // What a steep facet sends down meets the water again and goes up after all.
+            onward.z = onward.z.abs().max(1e-4);
+            let onward = onward.normalize();
+            let reflected = seen * water_reflectance(seen);
+            let light = match self.trace(start, onward, f32::MAX) {
+                Some(other) => {
+                    let blur = other.distance * (surface.slope + mirror.angle);
+                    self.matt(&other, &self.surface(&other, blur), lighting)
+                }
+                None => (lighting.leaves)(start, onward),
+            };
+            add(&mut sum, reflected, light);
+            share += reflected;
+            weights += seen;
+        }
+        if weights > 0.0 {
+            sum = sum.map(|value| value / weights);
+            share /= weights;
+        }
+        if mirror.points == 0.0 {
+            return (sum, share);
+        }
+        // A pixel's own width adds to the facets' spread, so that no highlight falls between pixels.
+        let slope = (surface.slope * surface.slope + 0.25 * mirror.angle * mirror.angle).sqrt();
+        let lamps = self.street_lights();
+        for light in lighting.images.iter().copied().chain(lamps) {
+            let way = light.position - hit.point;
+            let squared = way.length_squared().max(1e-4);
+            let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_eye, slope);
+            let share = mirror.points * highlight * light.visibility / squared;
+            // What adds less than a thousandth is not worth asking whether a wall stands before it.
+            let faint = share * light.intensity[1] < 1e-3 * sum[1];
+            if highlight > 0.0 && (faint || !self.is_blocked(start, light.position)) {
+                add(&mut sum, share, light.intensity);
+            }
+        }
+        (sum, share)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shade::town::tests::small_town;
+
+    fn dark(_: Vec3) -> [f32; 3] {
+        [0.0; 3]
+    }
+
+    fn black(_: Vec3, _: Vec3) -> [f32; 3] {
+        [0.0; 3]
+    }
+
+    const NOTHING: Lighting =
+        Lighting { ambient: &dark, points: &[], images: &[], glows: &[], leaves: &black };
+    const MIRROR: Mirror = Mirror { facets: 64, sample: [0, 1], shift: Vec2::ZERO, angle: 1e-3, points: 1.0 };
+
+    /// Looks from 2 m above the wet plain at a spot ahead, away from the tower.
+    fn look(ahead: f32, lighting: &Lighting) -> [f32; 3] {
+        let town = small_town();
+        let eye = Vec3::new(0.0, -50.0, 2.0);
+        let direction = Vec3::new(0.0, -ahead, -2.0).normalize();
+        let hit = town.trace(eye, direction, 1e5).unwrap();
+        town.shade(direction, &hit, 0.01, lighting, MIRROR)
+    }
+
+    #[test]
+    fn normal_quantiles_are_those_of_the_tables() {
+        /// Digits of the printed table.
+        const PRINTED: f32 = 2e-4;
+        for (share, wanted) in [(0.5, 0.0), (0.841_344_7, 1.0), (0.975, 1.959_96), (0.01, -2.326_35)] {
+            assert!((normal_quantile(share) - wanted).abs() < PRINTED, "{share}");
+        }
+    }
+
+    #[test]
+    fn still_water_mirrors_a_constant_sky_by_fresnels_share() {
+        /// Ripples of .01 change the angle by a hundredth of a radian.
+        const RIPPLED: f32 = 0.03;
+        for ahead in [1.0f32, 4.0, 12.0] {
+            let cosine = 2.0 / (ahead * ahead + 4.0).sqrt();
+            let seen = look(ahead, &Lighting { leaves: &|_, _| [3.0; 3], ..NOTHING })[0];
+            let town_lamp = look(ahead, &NOTHING)[0];
+            let wanted = 3.0 * water_reflectance(cosine);
+            let mirrored = seen - town_lamp;
+            assert!((mirrored / wanted - 1.0).abs() < RIPPLED, "{ahead}: {mirrored} against {wanted}");
+        }
+    }
+
+    #[test]
+    fn a_flash_is_linear_in_its_intensity_and_stopped_by_walls() {
+        let flash = |intensity: f32, y: f32| {
+            let light =
+                PointLight { position: Vec3::new(0.0, y, 5.0), intensity: [intensity; 3], visibility: 1.0 };
+            let town = small_town();
+            let hit =
+                town.trace(Vec3::new(0.0, 10.0, 5.0), Vec3::new(0.0, 1.0, -0.2).normalize(), 1e5).unwrap();
+            let lit = town.irradiance(&hit, &Lighting { points: &[light], ..NOTHING })[1];
+            lit - town.irradiance(&hit, &NOTHING)[1]
+        };
+        /// Single-precision sums.
+        const ROUND_OFF: f32 = 1e-5;
+        let (one, two) = (flash(1e6, -200.0), flash(2e6, -200.0));
+        assert!(one > 0.0 && (two / one - 2.0).abs() < ROUND_OFF);
+        assert_eq!(flash(1e6, 400.0), 0.0, "behind the tower");
+    }
+
+    #[test]
+    fn irradiance_of_a_ball_of_light_overhead_is_pi_times_radiance_times_its_share() {
+        let glow = GlowLight { centre: Vec3::new(0.0, -500.0, 1_000.0), radius: 100.0, radiance: [2.0; 3] };
+        let town = small_town();
+        let hit = town.trace(Vec3::new(0.0, -500.0, 2.0), Vec3::NEG_Z, 10.0).unwrap();
+        let lit = town.irradiance(&hit, &Lighting { glows: &[glow], ..NOTHING })[0]
+            - town.irradiance(&hit, &NOTHING)[0];
+        let wanted = std::f32::consts::PI * 2.0 * 0.01;
+        assert!((lit / wanted - 1.0).abs() < 1e-3, "{lit} against {wanted}");
+    }
+
+    #[test]
+    fn the_image_of_a_point_is_a_streak_longer_than_wide() {
+        let town = small_town();
+        let bolt = PointLight {
+            position: Vec3::new(3_000.0, -3_000.0, 600.0),
+            intensity: [1e9; 3],
+            visibility: 1.0,
+        };
+        let lighting = Lighting { images: &[bolt], ..NOTHING };
+        let eye = Vec3::new(0.0, -50.0, 2.0);
+        let mirror_elevation = libm::atan2f(600.0, 4_191.0);
+        let heading = libm::atan2f(-2_950.0, 3_000.0);
+        let brightness = |side: f32, below: f32| {
+            let (se, ce) = libm::sincosf(-(mirror_elevation + below));
+            let (sa, ca) = libm::sincosf(heading + side);
+            let direction = Vec3::new(ce * ca, ce * sa, se);
+            let hit = town.trace(eye, direction, 1e5).unwrap();
+            town.shade(direction, &hit, 0.01, &lighting, MIRROR)[0]
+        };
+        let middle = brightness(0.0, 0.0);
+        assert!(middle > 100.0 * brightness(0.02, 0.0), "dark 20 mrad aside");
+        assert!(brightness(0.0, 0.015) > 0.2 * middle, "still bright 15 mrad below");
+    }
+}
