@@ -82,9 +82,15 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
     }
     if picture.width.max(picture.height) > MAX_SIDE {
         let found = format!("{} × {}", picture.width, picture.height);
-        return Err(BakeError::input(source.file, "picture size", format!("sides up to {MAX_SIDE} px"), found));
+        return Err(BakeError::input(
+            source.file,
+            "picture size",
+            format!("sides up to {MAX_SIDE} px"),
+            found,
+        ));
     }
-    let mut name = source.file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut name =
+        source.file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     while name.len() > MAX_NAME {
         name.pop();
     }
@@ -237,7 +243,9 @@ fn round_in_stages(mut model: Model, samples: &Samples) -> CosinePattern {
         }
     };
     const POLISH: usize = 4;
-    for stage in [Free { window: false, ..Free::ALL }, Free { window: false, frequencies: false, first_term: 0 }] {
+    for stage in
+        [Free { window: false, ..Free::ALL }, Free { window: false, frequencies: false, first_term: 0 }]
+    {
         let stored = rounded(&model);
         if let Some(stored) = Model::from_pattern(&stored) {
             model.window = stored.window;

@@ -11,6 +11,7 @@ pub mod error;
 pub mod load;
 pub mod picture;
 pub mod random;
+pub mod shade;
 
 pub use error::RuntimeError;
 pub use load::Asset;

@@ -1,1 +1,4 @@
 //! Judges.
+
+#[cfg(test)]
+mod streaks;

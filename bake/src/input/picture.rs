@@ -114,7 +114,8 @@ fn read_png(path: &Path, file: BufReader<File>, transfer: Transfer) -> Result<Pi
     let wide = reader.output_color_type().1 == png::BitDepth::Sixteen;
     let channels = reader.output_color_type().0.samples();
     let size = reader.output_buffer_size();
-    let size = size.ok_or_else(|| BakeError::input(path, "PNG", "a picture that fits in memory", "a larger one"))?;
+    let size =
+        size.ok_or_else(|| BakeError::input(path, "PNG", "a picture that fits in memory", "a larger one"))?;
     let mut bytes = vec![0; size];
     reader.next_frame(&mut bytes).map_err(damaged)?;
 
@@ -162,7 +163,8 @@ fn read_exr(path: &Path, file: BufReader<File>) -> Result<Picture, BakeError> {
         return Err(BakeError::input(path, "EXR", "flat pixels", "deep data"));
     }
     let Some((header, colours, alpha)) = chunks.headers().iter().find_map(|header| {
-        let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
+        let names: Vec<String> =
+            header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
         usable_channels(&names).map(|(colours, alpha)| (header, colours, alpha))
     }) else {
         let found = chunks.headers().iter().flat_map(|header| &header.channels.list);
@@ -185,9 +187,12 @@ fn read_exr(path: &Path, file: BufReader<File>) -> Result<Picture, BakeError> {
                 .required(g.as_str())
                 .required(b.as_str())
                 .optional(alpha.as_str(), 1.0f32)
-                .collect_pixels(move |_, _| blank(), move |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| {
-                    pixels[place(at)] = [r, g, b, a];
-                })
+                .collect_pixels(
+                    move |_, _| blank(),
+                    move |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| {
+                        pixels[place(at)] = [r, g, b, a];
+                    },
+                )
                 .first_valid_layer()
                 .all_attributes()
                 .from_chunks(chunks)
@@ -200,7 +205,10 @@ fn read_exr(path: &Path, file: BufReader<File>) -> Result<Picture, BakeError> {
             flat.specific_channels()
                 .required(grey[0].as_str())
                 .optional(alpha.as_str(), 1.0f32)
-                .collect_pixels(move |_, _| blank(), move |pixels, at, (y, a): (f32, f32)| pixels[place(at)] = [y, y, y, a])
+                .collect_pixels(
+                    move |_, _| blank(),
+                    move |pixels, at, (y, a): (f32, f32)| pixels[place(at)] = [y, y, y, a],
+                )
                 .first_valid_layer()
                 .all_attributes()
                 .from_chunks(chunks)
@@ -227,7 +235,8 @@ fn usable_channels(names: &[String]) -> Option<(Vec<String>, String)> {
     let prefixes = names.iter().map(|name| name.rfind('.').map_or("", |dot| &name[..=dot]));
     let has = |name: &String| names.contains(name);
     std::iter::once("").chain(prefixes).find_map(|prefix| {
-        let named = |letters: &[&str]| letters.iter().map(|letter| format!("{prefix}{letter}")).collect::<Vec<_>>();
+        let named =
+            |letters: &[&str]| letters.iter().map(|letter| format!("{prefix}{letter}")).collect::<Vec<_>>();
         [named(&["R", "G", "B"]), named(&["Y"])]
             .into_iter()
             .find(|channels| channels.iter().all(has))

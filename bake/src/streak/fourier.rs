@@ -20,7 +20,8 @@ const WIDEST: f64 = 0.5;
 pub fn strongest(picture: &Grey, count: usize) -> CosinePattern {
     let (width, height) = (picture.width, picture.height);
     let pixels = (width * height) as f64;
-    let mut plane: Vec<Complex<f64>> = picture.pixels.iter().map(|&light| Complex::from(f64::from(light))).collect();
+    let mut plane: Vec<Complex<f64>> =
+        picture.pixels.iter().map(|&light| Complex::from(f64::from(light))).collect();
     transform_plane(&mut plane, [width, height]);
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for y in 0..height {
@@ -52,7 +53,12 @@ pub fn strongest_windowed(picture: &Grey, count: usize) -> CosinePattern {
     let mut pattern = strongest(picture, count);
     let (width, height) = (picture.width, picture.height);
     let bare: Vec<f64> = (0..width * height)
-        .map(|i| pattern.value((i % width) as f64 / width as f64 + 0.5 / width as f64, (i / width) as f64 / height as f64 + 0.5 / height as f64))
+        .map(|i| {
+            pattern.value(
+                (i % width) as f64 / width as f64 + 0.5 / width as f64,
+                (i / width) as f64 / height as f64 + 0.5 / height as f64,
+            )
+        })
         .collect();
     let gaussian = |side: usize, deviation: f64| -> Vec<f64> {
         let place = |i: usize| ((i as f64 + 0.5) / side as f64 - 0.5) / deviation;

@@ -17,7 +17,8 @@ pub fn contact_sheet(pictures: &[Grey], patterns: &[StreakPattern]) -> Grey {
     for (picture, pattern) in pictures.iter().zip(patterns) {
         let fit = draw(&pattern.pattern, picture.width, picture.height);
         let pairs = picture.pixels.iter().zip(&fit.pixels);
-        let difference = pairs.map(|(a, b)| (0.5 + 0.5 * (a - b) / DIFFERENCE_RANGE).clamp(0.0, 1.0)).collect();
+        let difference =
+            pairs.map(|(a, b)| (0.5 + 0.5 * (a - b) / DIFFERENCE_RANGE).clamp(0.0, 1.0)).collect();
         columns.push(encode(picture));
         columns.push(encode(&fit));
         columns.push(Grey { pixels: difference, ..*picture });
@@ -63,7 +64,12 @@ pub fn write_png16(picture: &Grey, out: &mut impl Write) -> std::io::Result<()> 
     write_png(picture, png::BitDepth::Sixteen, &bytes, out)
 }
 
-fn write_png(picture: &Grey, depth: png::BitDepth, bytes: &[u8], out: &mut impl Write) -> std::io::Result<()> {
+fn write_png(
+    picture: &Grey,
+    depth: png::BitDepth,
+    bytes: &[u8],
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     let mut encoder = png::Encoder::new(out, picture.width as u32, picture.height as u32);
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(depth);

@@ -40,8 +40,10 @@ pub fn fit_tables(picture: &Grey) -> SeparablePattern {
     for round in 0..2 * ROUNDS {
         let axis = round % 2;
         let held = 1 - axis;
-        let held_values: Vec<Vec<f64>> =
-            tables[held].iter().map(|table: &Vec<f64>| places[held].iter().map(|&p| read(table, p)).collect()).collect();
+        let held_values: Vec<Vec<f64>> = tables[held]
+            .iter()
+            .map(|table: &Vec<f64>| places[held].iter().map(|&p| read(table, p)).collect())
+            .collect();
         tables[axis] = solve_axis(picture, axis, &held_values, &places[axis], nodes[axis]);
     }
     let [across, along] = tables;
@@ -49,7 +51,13 @@ pub fn fit_tables(picture: &Grey) -> SeparablePattern {
 }
 
 /// Tables of `axis` that fit best beside the other axis' values, for all products at once.
-fn solve_axis(picture: &Grey, axis: usize, held: &[Vec<f64>], places: &[Place], nodes: usize) -> Vec<Vec<f64>> {
+fn solve_axis(
+    picture: &Grey,
+    axis: usize,
+    held: &[Vec<f64>],
+    places: &[Place],
+    nodes: usize,
+) -> Vec<Vec<f64>> {
     let n = nodes * RANK;
     let (mut matrix, mut right) = (vec![0.0; n * n], vec![0.0; n]);
     // Sums over the held axis do not depend on the place along this one.

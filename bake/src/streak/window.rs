@@ -33,7 +33,7 @@ const SATURATED: f64 = 6.0;
 
 impl Shape {
     /// Number of free numbers.
-    pub fn len(self) -> usize {
+    pub fn count(self) -> usize {
         match self {
             Self::Gaussian => 4,
             Self::Super => 6,
@@ -51,7 +51,14 @@ impl Shape {
             Self::Gaussian => vec![middle[0], log(0.8 * half[0]), middle[1], log(0.8 * half[1])],
             Self::Super => {
                 let exponents = [libm::log(6.0), libm::log(12.0)];
-                vec![middle[0], log(0.95 * half[0]), exponents[0], middle[1], log(0.97 * half[1]), exponents[1]]
+                vec![
+                    middle[0],
+                    log(0.95 * half[0]),
+                    exponents[0],
+                    middle[1],
+                    log(0.97 * half[1]),
+                    exponents[1],
+                ]
             }
             Self::Edges => {
                 let soft = [0, 1].map(|axis| {
@@ -103,7 +110,7 @@ impl Shape {
         let clamp = |value: &mut f64, low: f64, high: f64| *value = value.clamp(low, high);
         match self {
             Self::Gaussian | Self::Super => {
-                let stride = self.len() / 2;
+                let stride = self.count() / 2;
                 for axis in 0..2 {
                     let own = &mut free[axis * stride..][..stride];
                     clamp(&mut own[0], 0.0, 1.0);
@@ -149,10 +156,7 @@ impl Shape {
                 exponent: [e(free[2]), e(free[5])],
             }),
             Self::Edges => Window::Edges(EdgeWindow {
-                sides: [
-                    [free[0], free[8], free[9], free[10]],
-                    [free[1], free[11], free[12], free[13]],
-                ],
+                sides: [[free[0], free[8], free[9], free[10]], [free[1], free[11], free[12], free[13]]],
                 ends: [[free[2], free[14], free[15]], [free[3], free[16], free[17]]],
                 softness: [e(free[4]), e(free[5]), e(free[6]), e(free[7])],
             }),

@@ -251,13 +251,7 @@ const SSIM_STEPS: f64 = 32_767.0;
 const NOTE_STEPS: f64 = 1000.0;
 
 pub(crate) fn invalid(field: &'static str, wanted: &'static str, found: impl ToString) -> ReadError {
-    ReadError::Invalid {
-        section: StreakSection::TAG,
-        offset: 0,
-        field,
-        wanted,
-        found: found.to_string(),
-    }
+    ReadError::Invalid { section: StreakSection::TAG, offset: 0, field, wanted, found: found.to_string() }
 }
 
 impl StreakSection {
@@ -281,7 +275,8 @@ impl StreakSection {
             });
         }
         let mut pool = Cursor::new(&pool);
-        let patterns = records.iter().map(|record| read_pattern(record, &mut pool)).collect::<Result<_, _>>()?;
+        let patterns =
+            records.iter().map(|record| read_pattern(record, &mut pool)).collect::<Result<_, _>>()?;
         pool.finish()?;
         Ok(Self { patterns })
     }
@@ -289,7 +284,8 @@ impl StreakSection {
     /// The section's bytes. Numbers are rounded to their steps and saturate at the ends of their ranges.
     pub fn write(&self) -> Vec<u8> {
         let mut pool = Vec::new();
-        let records: Vec<Record> = self.patterns.iter().map(|pattern| write_pattern(pattern, &mut pool)).collect();
+        let records: Vec<Record> =
+            self.patterns.iter().map(|pattern| write_pattern(pattern, &mut pool)).collect();
         meta::encode(&(records, pool))
     }
 }

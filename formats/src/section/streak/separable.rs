@@ -1,7 +1,7 @@
 //! Products of a table across and a table along: Σ A_k(u) · B_k(v).
 
-use super::packing::{Cursor, nearest};
 use super::invalid;
+use super::packing::{Cursor, nearest};
 use crate::error::ReadError;
 
 /// Largest number of products.
@@ -28,7 +28,17 @@ impl SeparablePattern {
         if !((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v)) {
             return 0.0;
         }
-        self.across.iter().zip(&self.along).map(|(a, b)| interpolate(a, u) * interpolate(b, v)).sum()
+        (0..self.rank()).map(|k| self.across_at(k, u) * self.along_at(k, v)).sum()
+    }
+
+    /// A_k at `u` in [0, 1].
+    pub fn across_at(&self, k: usize, u: f64) -> f64 {
+        interpolate(&self.across[k], u)
+    }
+
+    /// B_k at `v` in [0, 1].
+    pub fn along_at(&self, k: usize, v: f64) -> f64 {
+        interpolate(&self.along[k], v)
     }
 
     pub(super) fn read(rank: usize, pool: &mut Cursor) -> Result<Self, ReadError> {
@@ -56,7 +66,8 @@ impl SeparablePattern {
         let count = |tables: &[Vec<f64>]| tables.first().map_or(0, |table| table.len().min(255));
         let counts = [count(&self.across), count(&self.along)];
         pool.extend(counts.map(|count| count as u8));
-        let tables = self.across.iter().map(|t| (t, counts[0])).chain(self.along.iter().map(|t| (t, counts[1])));
+        let tables =
+            self.across.iter().map(|t| (t, counts[0])).chain(self.along.iter().map(|t| (t, counts[1])));
         for (table, count) in tables {
             // The ends are rounded first, so that codes refer to the ends as they are read back.
             let low = f64::from(table.iter().copied().fold(f64::INFINITY, f64::min) as f32);
@@ -64,7 +75,8 @@ impl SeparablePattern {
             pool.extend((low as f32).to_le_bytes());
             pool.extend((high as f32).to_le_bytes());
             let step = if high > low { (high - low) / 255.0 } else { 1.0 };
-            let code = |index: usize| nearest((table.get(index).copied().unwrap_or(low) - low) / step, 0, 255);
+            let code =
+                |index: usize| nearest((table.get(index).copied().unwrap_or(low) - low) / step, 0, 255);
             pool.extend((0..count).map(|index| code(index) as u8));
         }
     }
