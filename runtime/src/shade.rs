@@ -4,5 +4,6 @@ pub mod cloud;
 pub mod detail;
 pub mod environment;
 pub mod sky;
+pub mod streak;
 pub mod town;
 pub mod water;

@@ -42,4 +42,6 @@ mod rain_picture;
 #[cfg(test)]
 mod scenery;
 #[cfg(test)]
+mod streaks;
+#[cfg(test)]
 mod transport;

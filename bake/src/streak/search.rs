@@ -20,6 +20,11 @@ pub struct Effort {
     pub rounds: usize,
 }
 
+/// Steps of the window alone, and of what is left when a term is taken out.
+const FIRST_STEPS: usize = 20;
+const LETTING_GO_STEPS: usize = 2;
+/// Relative gain of a round that makes another one worth its time.
+const WORTHWHILE: f64 = 2e-3;
 /// Steps with the other terms held, for a newly placed term.
 const SETTLING_STEPS: usize = 6;
 /// Relative gain below which refinement stops while searching.
@@ -28,56 +33,42 @@ const COARSE: f64 = 1e-3;
 /// Adds waves until the model has `count`, each where it helps most, refining what `free` lets move.
 /// Stops early when nothing is left to explain. Returns the summed squared error.
 pub fn grow(model: &mut Model, samples: &Samples, count: usize, free: Free, effort: Effort) -> f64 {
-    let mut error = refine(model, samples, free, effort.steps.max(20), COARSE);
+    let mut error = refine(model, samples, free, effort.steps.max(FIRST_STEPS), COARSE);
     while model.waves.len() < count {
-        let mut best: Option<(Model, f64)> = None;
-        for trial in placements(model, samples, free, effort.peaks) {
-            let mut trial = trial;
-            let reached = refine(&mut trial, samples, free, effort.steps, COARSE);
-            if best.as_ref().is_none_or(|(_, least)| reached < *least) {
-                best = Some((trial, reached));
-            }
-        }
-        match best {
-            Some((trial, reached)) if reached < error => {
-                *model = trial;
-                error = reached;
-            }
+        match best_placement(model, samples, free, effort) {
+            Some((better, reached)) if reached < error => (*model, error) = (better, reached),
             _ => break,
         }
     }
     for _ in 0..effort.rounds {
         let before = error;
-        for k in 0..model.waves.len() {
+        for _ in 0..model.waves.len() {
+            // The oldest term leaves and a new one joins at the end: a round visits every term once.
             let mut without = model.clone();
-            // The oldest term leaves and the new one joins at the end: a round visits every term once.
-            without.waves.remove(0);
-            let kept = model.waves[0];
-            refine(&mut without, samples, Free { frequencies: false, ..free }, 2, COARSE);
-            let mut best: Option<(Model, f64)> = None;
-            for mut trial in placements(&without, samples, free, effort.peaks) {
-                let reached = refine(&mut trial, samples, free, effort.steps, COARSE);
-                if best.as_ref().is_none_or(|(_, least)| reached < *least) {
-                    best = Some((trial, reached));
-                }
-            }
-            match best {
-                Some((trial, reached)) if reached < error => {
-                    *model = trial;
-                    error = reached;
-                }
+            let oldest = without.waves.remove(0);
+            refine(&mut without, samples, Free { frequencies: false, ..free }, LETTING_GO_STEPS, COARSE);
+            match best_placement(&without, samples, free, effort) {
+                Some((better, reached)) if reached < error => (*model, error) = (better, reached),
                 _ => {
                     model.waves.remove(0);
-                    model.waves.push(kept);
+                    model.waves.push(oldest);
                 }
             }
-            let _ = k;
         }
-        if before - error < 2e-3 * before {
+        if before - error < WORTHWHILE * before {
             break;
         }
     }
     error
+}
+
+/// The model with one more wave, refined from each of the most promising places; the best of them.
+fn best_placement(model: &Model, samples: &Samples, free: Free, effort: Effort) -> Option<(Model, f64)> {
+    let tried = placements(model, samples, free, effort.peaks).into_iter().map(|mut trial| {
+        let reached = refine(&mut trial, samples, free, effort.steps, COARSE);
+        (trial, reached)
+    });
+    tried.min_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(Ordering::Equal))
 }
 
 /// The model with one more wave, at each of the most promising frequencies.

@@ -33,7 +33,7 @@ const SATURATED: f64 = 6.0;
 
 impl Shape {
     /// Number of free numbers.
-    pub fn len(self) -> usize {
+    pub fn count(self) -> usize {
         match self {
             Self::Gaussian => 4,
             Self::Super => 6,
@@ -110,7 +110,7 @@ impl Shape {
         let clamp = |value: &mut f64, low: f64, high: f64| *value = value.clamp(low, high);
         match self {
             Self::Gaussian | Self::Super => {
-                let stride = self.len() / 2;
+                let stride = self.count() / 2;
                 for axis in 0..2 {
                     let own = &mut free[axis * stride..][..stride];
                     clamp(&mut own[0], 0.0, 1.0);

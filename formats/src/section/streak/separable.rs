@@ -28,7 +28,17 @@ impl SeparablePattern {
         if !((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v)) {
             return 0.0;
         }
-        self.across.iter().zip(&self.along).map(|(a, b)| interpolate(a, u) * interpolate(b, v)).sum()
+        (0..self.rank()).map(|k| self.across_at(k, u) * self.along_at(k, v)).sum()
+    }
+
+    /// A_k at `u` in [0, 1].
+    pub fn across_at(&self, k: usize, u: f64) -> f64 {
+        interpolate(&self.across[k], u)
+    }
+
+    /// B_k at `v` in [0, 1].
+    pub fn along_at(&self, k: usize, v: f64) -> f64 {
+        interpolate(&self.along[k], v)
     }
 
     pub(super) fn read(rank: usize, pool: &mut Cursor) -> Result<Self, ReadError> {

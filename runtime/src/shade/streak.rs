@@ -1,0 +1,223 @@
+//! Rain streaks: a pattern's light, drawn as an oriented kernel that is averaged over every pixel it meets.
+//!
+//! | symbol | name            | unit   |
+//! | u, v   | picture         | 0 to 1 |
+//! | n, d   | `across`, `along` | unit vectors in the frame, pixels |
+//!
+//! The mean over a pixel is a closed form: edges are read from tables of a blurred step seen through a
+//! square pixel at that angle, cosines keep their frequency and lose amplitude (see `prepare`). The sum over
+//! all pixels is length × width × mean at any size, a tenth of a pixel wide or twenty.
+//!
+//! Along a line of pixels each phase grows linearly, so cosines are turned, not evaluated: one complex
+//! product per term and line, two multiplications per term and pixel.
+
+mod draw;
+mod edge;
+mod frame;
+mod prepare;
+mod profile;
+mod thin;
+
+use draw::{Lines, Wave, draw, draw_thin};
+use edge::EdgeTable;
+use frame::{EdgeFrame, ProductFrame};
+use prepare::{Cosines, Frame, Light, Prepared};
+use profile::{Profile, Row};
+use squall_formats::section::streak::StreakSection;
+
+/// Bodies narrower or shorter than this are drawn in thin form.
+const THIN_WIDTH_PX: f32 = 4.0;
+const THIN_LENGTH_PX: f32 = 12.0;
+/// Bodies shorter than this are drawn upright or level: their direction does not show, and a pixel's shadows
+/// on the two axes then multiply to the pixel itself.
+const DOT_LENGTH_PX: f64 = 3.0;
+/// Longest side drawn; beyond it a kernel is not a streak.
+const LONGEST_PX: f64 = 1e5;
+
+/// Patterns ready to be drawn.
+#[derive(Clone, Debug)]
+pub struct StreakSet {
+    patterns: Vec<Prepared>,
+    edges: EdgeTable,
+}
+
+/// One streak in the frame. Pixel (0, 0) has its centre at (½, ½), y points down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kernel {
+    /// Middle of the streak's body, pixels.
+    pub middle: [f32; 2],
+    /// Direction of the fall, any length but zero.
+    pub direction: [f32; 2],
+    /// Length of the body along the direction, pixels.
+    pub length: f32,
+    /// Width of the body, pixels; any, down to a small fraction of one.
+    pub width: f32,
+    /// Which pattern.
+    pub pattern: u32,
+    /// Factor on the pattern's light. `w` makes the sum over all pixels `w` × length × width × mean.
+    pub weight: f32,
+}
+
+/// A rectangle of a frame that kernels are added to.
+#[derive(Debug)]
+pub struct Tile<'a> {
+    /// Frame coordinates of its top left pixel.
+    pub origin: [i32; 2],
+    /// Pixels across.
+    pub width: usize,
+    /// Rows of `width` values.
+    pub alpha: &'a mut [f32],
+}
+
+/// Working memory of [`StreakSet::add`]; grows to the largest pattern and is then reused.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    waves: Vec<Wave>,
+    rows: Vec<[Row; 2]>,
+}
+
+/// A kernel's frame of reference.
+struct Pose {
+    /// Unit vectors of u and v in the frame.
+    across: [f64; 2],
+    along: [f64; 2],
+    /// Pixels of the whole picture along u and v.
+    scale: [f64; 2],
+    /// Frame coordinates of the picture's corner u = v = 0.
+    corner: [f64; 2],
+    weight: f32,
+}
+
+impl StreakSet {
+    /// Prepares the patterns of a section: a few thousand numbers each, done once.
+    pub fn new(section: &StreakSection) -> Self {
+        Self { patterns: section.patterns.iter().map(Prepared::new).collect(), edges: EdgeTable::new() }
+    }
+
+    /// Number of patterns.
+    pub fn len(&self) -> usize {
+        self.patterns.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.patterns.is_empty()
+    }
+
+    /// Mean light of a pattern over its body; 0 for a pattern that does not exist.
+    pub fn mean(&self, pattern: u32) -> f32 {
+        self.patterns.get(pattern as usize).map_or(0.0, |pattern| pattern.mean)
+    }
+
+    /// Pixels that a kernel may touch: [left, top, right, bottom), or `None` for one that draws nothing: an
+    /// unknown pattern, a number that is not finite, no length, no width or no direction.
+    pub fn bounds(&self, kernel: &Kernel) -> Option<[i32; 4]> {
+        let prepared = self.patterns.get(kernel.pattern as usize)?;
+        let pose = Pose::new(kernel, prepared)?;
+        let range = prepared.range();
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for u in range[0] {
+            for v in range[1] {
+                for axis in 0..2 {
+                    let at = pose.corner[axis]
+                        + pose.across[axis] * u * pose.scale[0]
+                        + pose.along[axis] * v * pose.scale[1];
+                    low[axis] = low[axis].min(at);
+                    high[axis] = high[axis].max(at);
+                }
+            }
+        }
+        // Pixels whose square meets the range: a pixel's shadow reaches half a pixel along either axis.
+        let whole = |value: f64| value.clamp(-1e9, 1e9) as i32;
+        Some([
+            whole((low[0] - 0.5).floor()),
+            whole((low[1] - 0.5).floor()),
+            whole((high[0] + 0.5).ceil()),
+            whole((high[1] + 0.5).ceil()),
+        ])
+    }
+
+    /// Adds a kernel's light to a tile: each pixel gains the pattern's mean over its square, times the weight.
+    ///
+    /// Adding tile by tile gives the same values as adding to the whole frame, to single precision. Draws
+    /// nothing where [`StreakSet::bounds`] says so.
+    pub fn add(&self, kernel: &Kernel, tile: &mut Tile, scratch: &mut Scratch) {
+        let Some(bounds) = self.bounds(kernel) else { return };
+        if tile.width == 0 {
+            return;
+        }
+        let size = [tile.width as i32, (tile.alpha.len() / tile.width) as i32];
+        let clip: [[i32; 2]; 2] = [0, 1].map(|axis| {
+            let low = bounds[axis].max(tile.origin[axis]);
+            [low, bounds[axis + 2].min(tile.origin[axis].saturating_add(size[axis]))]
+        });
+        if clip.iter().any(|[low, high]| low >= high) {
+            return;
+        }
+        let prepared = &self.patterns[kernel.pattern as usize];
+        let Some(pose) = Pose::new(kernel, prepared) else { return };
+        let across = prepared.range()[0].map(|u| u * pose.scale[0]);
+        let lines = Lines::new(&pose, across, clip);
+        if kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX {
+            let [x, y] = pose.along.map(f64::abs);
+            let thin = prepared.thin.kernel(pose.scale, (x.min(y) / x.max(y)) as f32);
+            draw_thin(&lines, pose.weight, &thin, tile);
+            return;
+        }
+        let Scratch { waves, rows } = scratch;
+        let cosines = prepared.cosines();
+        match &prepared.light {
+            Light::Cosines(Cosines { frame: Frame::Edges(window), .. }) => {
+                draw(&lines, &pose, cosines, &EdgeFrame::new(&self.edges, window, &pose), tile, waves);
+            }
+            Light::Cosines(Cosines { frame: Frame::Profiles(profiles), .. }) => {
+                pose.fill_rows(std::slice::from_ref(profiles), rows);
+                draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
+            }
+            Light::Products(products) => {
+                pose.fill_rows(products, rows);
+                draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
+            }
+        }
+    }
+}
+
+impl Pose {
+    fn new(kernel: &Kernel, prepared: &Prepared) -> Option<Self> {
+        let [x, y] = kernel.direction.map(f64::from);
+        let norm = libm::sqrt(x * x + y * y);
+        let (length, width) = (f64::from(kernel.length), f64::from(kernel.width));
+        let drawable = |value: f64| value > 0.0 && value < LONGEST_PX;
+        let finite = kernel.middle.iter().all(|value| value.is_finite()) && kernel.weight.is_finite();
+        if !(norm > 0.0 && norm.is_finite() && drawable(length) && drawable(width) && finite) {
+            return None;
+        }
+        let mut along = [x / norm, y / norm];
+        if length < DOT_LENGTH_PX {
+            let upright = along[1].abs() >= along[0].abs();
+            along = if upright { [0.0, along[1].signum()] } else { [along[0].signum(), 0.0] };
+        }
+        let across = [along[1], -along[0]];
+        let body = &prepared.body;
+        let scale = [width / body.width(), length / body.length()];
+        let middle = [0.5 * (body.u[0] + body.u[1]) * scale[0], 0.5 * (body.v[0] + body.v[1]) * scale[1]];
+        let corner = [0, 1]
+            .map(|axis| f64::from(kernel.middle[axis]) - across[axis] * middle[0] - along[axis] * middle[1]);
+        Some(Self { across, along, scale, corner, weight: kernel.weight })
+    }
+
+    /// Profiles across and along, seen through this kernel's pixels.
+    fn fill_rows(&self, profiles: &[[Profile; 2]], rows: &mut Vec<[Row; 2]>) {
+        rows.resize_with(profiles.len(), Default::default);
+        let directions = [self.across, self.along].map(|axis| axis.map(f64::abs));
+        for (row, profile) in rows.iter_mut().zip(profiles) {
+            for axis in 0..2 {
+                profile[axis].fill_row(self.scale[axis], directions[axis], &mut row[axis]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,115 @@
+//! From a stored pattern to what drawing needs.
+
+use super::profile::Profile;
+use super::thin::Thin;
+use squall_formats::section::streak::{Body, CosinePattern, EdgeWindow, Pattern, StreakPattern, Window};
+use std::f64::consts::TAU;
+
+/// A pattern ready to be drawn.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    pub body: Body,
+    pub mean: f32,
+    /// How it is drawn where its width is resolved.
+    pub light: Light,
+    /// How it is drawn where it is not.
+    pub thin: Thin,
+}
+
+/// The two kinds of pattern.
+#[derive(Clone, Debug)]
+pub enum Light {
+    /// Cosines under a window.
+    Cosines(Cosines),
+    /// Products of profiles, across and along.
+    Products(Vec<[Profile; 2]>),
+}
+
+/// Cosines under a window.
+#[derive(Clone, Debug)]
+pub struct Cosines {
+    pub frame: Frame,
+    pub constant: f32,
+    pub terms: Vec<Term>,
+}
+
+/// How the window is read.
+#[derive(Clone, Debug)]
+pub enum Frame {
+    /// Four soft edges.
+    Edges(EdgeWindow),
+    /// A profile across times a profile along.
+    Profiles([Profile; 2]),
+}
+
+/// One cosine.
+#[derive(Clone, Copy, Debug)]
+pub struct Term {
+    /// Periods over the picture, across and along.
+    pub frequency: [f64; 2],
+    pub amplitude: f32,
+    /// Phase at the picture's corner, in turns.
+    pub turns: f64,
+}
+
+impl Prepared {
+    /// Tabulates what the thin form needs; a few thousand evaluations of the pattern.
+    pub fn new(streak: &StreakPattern) -> Self {
+        let light = match &streak.pattern {
+            Pattern::Cosines(pattern) => Light::Cosines(Cosines::new(pattern)),
+            Pattern::Separable(pattern) => {
+                let profiles = |k: usize| {
+                    let across = Profile::new(|u| pattern.across_at(k, u));
+                    [across, Profile::new(|v| pattern.along_at(k, v))]
+                };
+                Light::Products((0..pattern.rank()).map(profiles).collect())
+            }
+        };
+        let body = streak.body;
+        let integral = streak.mean * body.width() * body.length();
+        Self { body, mean: streak.mean as f32, light, thin: Thin::new(&streak.pattern, integral) }
+    }
+
+    /// The cosines, of a pattern that is made of them.
+    pub fn cosines(&self) -> Option<&Cosines> {
+        match &self.light {
+            Light::Cosines(cosines) => Some(cosines),
+            Light::Products(_) => None,
+        }
+    }
+
+    /// Where the pattern has light: ends of u and of v.
+    pub fn range(&self) -> [[f64; 2]; 2] {
+        /// Softnesses beyond which an edge has faded to 10⁻⁴ of the light, and its sum to 10⁻⁵.
+        const FADED: f64 = 2.6;
+        let Light::Cosines(Cosines { frame: Frame::Edges(window), .. }) = &self.light else {
+            return [[0.0, 1.0]; 2];
+        };
+        let bend = |bends: &[f64]| bends.iter().map(|bend| bend.abs()).sum::<f64>();
+        let [left, right] = [0, 1].map(|i| bend(&window.sides[i][1..]) + FADED * window.softness[i]);
+        let [top, bottom] = [0, 1].map(|i| bend(&window.ends[i][1..]) + FADED * window.softness[2 + i]);
+        [
+            [window.sides[0][0] - left, window.sides[1][0] + right],
+            [window.ends[0][0] - top, window.ends[1][0] + bottom],
+        ]
+    }
+}
+
+impl Cosines {
+    fn new(pattern: &CosinePattern) -> Self {
+        let frame = match &pattern.window {
+            Window::Edges(window) => Frame::Edges(*window),
+            Window::Flat => Frame::Profiles([Profile::new(|_| 1.0), Profile::new(|_| 1.0)]),
+            Window::Power(window) => {
+                let window = *window;
+                Frame::Profiles([0, 1].map(|axis| Profile::new(move |x| window.profile(axis, x))))
+            }
+        };
+        let terms = pattern.terms.iter().map(|term| Term {
+            frequency: [term.across, term.along],
+            amplitude: term.amplitude as f32,
+            turns: term.phase / TAU,
+        });
+        Self { frame, constant: pattern.constant as f32, terms: terms.collect() }
+    }
+}
