@@ -252,7 +252,7 @@ impl ViewCamera {
         if pixels == 0 || pixels > MAX_VIEW_PIXELS {
             return Err(("camera.size_px", "1 to 2^26 pixels in all", format!("{:?}", self.size_px)));
         }
-        within("camera.exposure_s", "1e-6 to 10 s", self.exposure_s, 1e-6, 10.0)
+        within("camera.exposure_s", "1e-6 to 10 s (0.001 to 10000 ms)", self.exposure_s, 1e-6, 10.0)
     }
 }
 
