@@ -77,7 +77,10 @@ fn every_png_colour_type_and_depth_reads_as_the_same_grey() {
         ("rgba8", png_bytes([2, 2], ColorType::Rgba, BitDepth::Eight, &each(3, Some(255)), plain)),
         ("greya8", png_bytes([2, 2], ColorType::GrayscaleAlpha, BitDepth::Eight, &each(1, Some(255)), plain)),
         // 2 bits: 0, 1, 2, 3 in two rows of one byte each.
-        ("palette2", png_bytes([2, 2], ColorType::Indexed, BitDepth::Two, &[0b0001_0000, 0b1011_0000], palette)),
+        (
+            "palette2",
+            png_bytes([2, 2], ColorType::Indexed, BitDepth::Two, &[0b0001_0000, 0b1011_0000], palette),
+        ),
     ];
     for (name, bytes) in files {
         let grey = read_grey(&folder.write(name, &bytes)).unwrap();
@@ -184,7 +187,11 @@ fn a_picture_cut_or_damaged_anywhere_is_refused_or_read_and_never_panics() {
     let needed = [whole.len() - 12, exr.len()];
     for (bytes, needed) in [&whole, &exr].into_iter().zip(needed) {
         for cut in 0..needed {
-            assert!(read_grey(&folder.write("cut", &bytes[..cut])).is_err(), "cut at {cut} of {}", bytes.len());
+            assert!(
+                read_grey(&folder.write("cut", &bytes[..cut])).is_err(),
+                "cut at {cut} of {}",
+                bytes.len()
+            );
         }
         for at in 0..bytes.len() {
             let mut bad = bytes.clone();
