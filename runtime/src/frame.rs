@@ -16,7 +16,7 @@ use crate::camera::{Camera, Projection, Ray};
 use crate::error::RuntimeError;
 use crate::load::Asset;
 use crate::picture::Picture;
-use crate::rain::{Rain, Workspace};
+use crate::rain::{Environment as Surroundings, Rain, Workspace};
 use crate::relight::{RelightBuffers, Relighter};
 use crate::shade::cloud::march::{CloudShape, CloudView, MarchedCloud};
 use crate::shade::detail::{Detail, DetailParameters};
@@ -242,21 +242,27 @@ impl<'a> Storm<'a> {
             town.render(camera, &lighting, quality.town, &mut memory.town);
         }
         self.compose(camera, sky, &beyond, &memory.town, &mut picture);
+        let surroundings = Surroundings::from_picture(&picture);
         channel::draw_channels(&flashes, camera, sky, self.cloud_grid(), self.town.as_ref(), &mut picture);
         if let Some(section) = &self.rain {
             let rain = Rain::new(section, view.rain.seed);
-            report.streaks = rain::draw_rain(&rain::Task {
-                section,
-                rain: &rain,
-                patterns: &self.patterns,
-                view,
-                camera,
-                sky,
-                flashes: &flashes,
-                cloud: self.cloud_grid(),
-                lamps: self.town.as_ref().map_or(&[], |town| town.lamps()),
-                has_depth: self.town.is_some(),
-            }, &mut picture, memory)?;
+            report.streaks = rain::draw_rain(
+                &rain::Task {
+                    section,
+                    rain: &rain,
+                    patterns: &self.patterns,
+                    view,
+                    camera,
+                    sky,
+                    flashes: &flashes,
+                    cloud: self.cloud_grid(),
+                    lamps: self.town.as_ref().map_or(&[], |town| town.lamps()),
+                    has_depth: self.town.is_some(),
+                    surroundings,
+                },
+                &mut picture,
+                memory,
+            )?;
         } else if view.rain.rate_mm_per_h > 0.0 {
             let found = format!("{} mm/h", view.rain.rate_mm_per_h);
             return Err(RuntimeError::argument("rain.rate_mm_per_h", "0: this asset has no rain", found));
@@ -362,11 +368,8 @@ pub fn camera_of(view: &ViewCamera) -> Result<Camera, RuntimeError> {
 
 /// How a view's light becomes a picture.
 pub fn tone_of(view: &ViewTone) -> Tone {
-    let glow = Glow {
-        amount: view.glow_amount as f32,
-        levels: view.glow_levels,
-        reach: view.glow_reach as f32,
-    };
+    let glow =
+        Glow { amount: view.glow_amount as f32, levels: view.glow_levels, reach: view.glow_reach as f32 };
     Tone { exposure: view.exposure as f32, contrast: view.contrast as f32, glow, ..Tone::default() }
 }
 

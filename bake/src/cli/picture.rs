@@ -1,7 +1,7 @@
 //! Pictures on their way to files.
 
-use squall_bake::picture::{write_exr, write_png8};
 use squall_bake::BakeError;
+use squall_bake::picture::{write_exr, write_png8};
 use squall_formats::section::view::ViewSection;
 use squall_runtime::frame::FrameReport;
 use squall_runtime::picture::Picture;

@@ -1,7 +1,7 @@
 //! `squall render ASSET -o PICTURE`
 use super::picture::{self, Sheet};
-use squall_bake::recipe::read_view;
 use squall_bake::BakeError;
+use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};

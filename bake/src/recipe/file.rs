@@ -195,9 +195,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         let span = stroke.span();
         let record = stroke.into_inner().record();
         let table = ["strokes", &number.to_string()];
-        record.check().map_err(|(field, wanted, found)| {
-            source.refused(&table, field, wanted, found, span.clone())
-        })?;
+        record
+            .check()
+            .map_err(|(field, wanted, found)| source.refused(&table, field, wanted, found, span.clone()))?;
         if strokes.iter().any(|other| other.name == record.name) {
             let found = format!("`{}` twice", record.name);
             return Err(source.error(span, "strokes.name", "each name once", found).into());
@@ -222,7 +222,11 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, view })
 }
 
-fn check_view(view: Spanned<ViewFile>, source: &Source, strokes: &[String]) -> Result<ViewSection, RecipeError> {
+fn check_view(
+    view: Spanned<ViewFile>,
+    source: &Source,
+    strokes: &[String],
+) -> Result<ViewSection, RecipeError> {
     let span = view.span();
     view.into_inner().check(source, span, strokes)
 }

@@ -35,10 +35,7 @@ pub struct ViewFile {
 #[serde(untagged)]
 enum FlashFile {
     Name(String),
-    Factor {
-        stroke: String,
-        brightness: f64,
-    },
+    Factor { stroke: String, brightness: f64 },
 }
 
 #[derive(Default, Deserialize)]

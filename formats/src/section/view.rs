@@ -191,7 +191,13 @@ fn within(field: &'static str, wanted: &'static str, value: f64, low: f64, high:
     if value >= low && value <= high { Ok(()) } else { Err((field, wanted, value.to_string())) }
 }
 
-fn all(field: &'static str, wanted: &'static str, values: &[f64], low: f64, high: f64) -> Result<(), Refusal> {
+fn all(
+    field: &'static str,
+    wanted: &'static str,
+    values: &[f64],
+    low: f64,
+    high: f64,
+) -> Result<(), Refusal> {
     values.iter().try_for_each(|&value| within(field, wanted, value, low, high))
 }
 
@@ -282,7 +288,13 @@ impl ViewSky {
     fn check(&self) -> Result<(), Refusal> {
         within("sky.sun_azimuth_rad", "-100 to 100", self.sun_azimuth_rad, -100.0, 100.0)?;
         let wanted = "-0.2967 to pi/2 (-17 to 90 degrees)";
-        within("sky.sun_elevation_rad", wanted, self.sun_elevation_rad, -0.2967, std::f64::consts::FRAC_PI_2)?;
+        within(
+            "sky.sun_elevation_rad",
+            wanted,
+            self.sun_elevation_rad,
+            -0.2967,
+            std::f64::consts::FRAC_PI_2,
+        )?;
         within("sky.haze", "0 to 50", self.haze, 0.0, 50.0)?;
         within("sky.overcast", "0 to 1", self.overcast, 0.0, 1.0)?;
         within("sky.high_cloud", "0 to 1", self.high_cloud, 0.0, 1.0)?;

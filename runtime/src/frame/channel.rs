@@ -67,7 +67,12 @@ pub fn town_lights(
 }
 
 /// Irradiance of the strokes' own light at the eye, W/m² per channel, and the direction that it travels in.
-pub fn irradiance_at(flashes: &[Flash<'_>], cloud: Option<&Cloud>, sky: &Sky, eye: DVec3) -> ([f32; 3], DVec3) {
+pub fn irradiance_at(
+    flashes: &[Flash<'_>],
+    cloud: Option<&Cloud>,
+    sky: &Sky,
+    eye: DVec3,
+) -> ([f32; 3], DVec3) {
     let air = |distance: f64| sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
     let (mut sum, mut way) = ([0.0f32; 3], DVec3::ZERO);
     for point in town_lights(flashes, cloud, eye, &air).shadows {

@@ -38,7 +38,8 @@ pub fn light_cells(
         for flash in group {
             // One point a segment: what the bake prunes its sources to.
             let points = flash.stroke.lamps(0.0);
-            lamps.extend(points.iter().map(|p| LampPoint { intensity: p.intensity * flash.brightness, ..*p }));
+            lamps
+                .extend(points.iter().map(|p| LampPoint { intensity: p.intensity * flash.brightness, ..*p }));
         }
         let sources = relighter.weigh(&lamps, &mut memory.relight)?.len();
         let relit = relighter.relight(&lamps, RelightOptions::default(), &mut memory.relight)?;

@@ -33,6 +33,8 @@ pub struct Task<'a> {
     pub cloud: Option<&'a Cloud>,
     pub lamps: &'a [StreetLamp],
     pub has_depth: bool,
+    /// The picture's own radiances, before its channels were drawn: a drop's surroundings.
+    pub surroundings: Environment,
 }
 
 /// Street lamps farther from the eye than this light no drop that is drawn, m.
@@ -62,7 +64,11 @@ impl Light for DropLight {
 }
 
 /// Draws the view's rain over `picture`; returns how many streaks were found.
-pub fn draw_rain(task: &Task<'_>, picture: &mut Picture, memory: &mut FrameMemory) -> Result<usize, RuntimeError> {
+pub fn draw_rain(
+    task: &Task<'_>,
+    picture: &mut Picture,
+    memory: &mut FrameMemory,
+) -> Result<usize, RuntimeError> {
     let (view, camera) = (&task.view.rain, task.camera);
     if view.rate_mm_per_h == 0.0 {
         return Ok(0);
@@ -74,10 +80,9 @@ pub fn draw_rain(task: &Task<'_>, picture: &mut Picture, memory: &mut FrameMemor
         ..Shot::new(camera, Seconds(task.view.camera.exposure_s))
     };
     let wind = DVec3::from_array(view.wind_m_per_s);
-    let weather =
-        Weather { volume: volume_of(view), ..Weather::steady(rate, wind, Seconds(view.time_s)) };
+    let weather = Weather { volume: volume_of(view), ..Weather::steady(rate, wind, Seconds(view.time_s)) };
     let (irradiance, direction) = irradiance_at(task.flashes, task.cloud, task.sky, camera.position);
-    let mut scene = Environment::from_picture(picture);
+    let mut scene = task.surroundings;
     (scene.flash_irradiance, scene.flash_direction) = (irradiance, direction);
     let mean = |a: f32, b: f32| 0.5 * (a + b);
     let ambient: [f32; 3] = std::array::from_fn(|band| mean(scene.above[band], scene.below[band]));
@@ -104,7 +109,7 @@ pub fn draw_rain(task: &Task<'_>, picture: &mut Picture, memory: &mut FrameMemor
         let scene = Scene { depth: Some(depth), kernel: &SmoothWindow, light: &light, gain: view.gain };
         memory.rain.draw(&shot, &scene, picture)?;
     } else {
-        let scene = Scene { depth: Some(depth), kernel: &SmoothWindow, light: &light, gain: view.gain };
+        let scene = Scene { depth: Some(depth), kernel: task.patterns, light: &light, gain: view.gain };
         memory.rain.draw(&shot, &scene, picture)?;
     }
     Ok(found)

@@ -136,7 +136,8 @@ impl MarchedCloud<'_> {
         let at = (at - 0.5).clamp(Vec3::ZERO, Vec3::from_array(counts));
         let low = at.floor();
         let shape = self.cloud.shape;
-        let index = low.x as usize + low.y as usize * shape.row_stride() + low.z as usize * shape.slab_stride();
+        let index =
+            low.x as usize + low.y as usize * shape.row_stride() + low.z as usize * shape.slab_stride();
         Place { index, share: at - low }
     }
 
