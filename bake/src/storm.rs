@@ -7,7 +7,7 @@ use crate::input::scene::read_scene;
 use crate::input::town::read_town;
 use crate::progress::Progress;
 use crate::recipe::{Clouds, Rain, Recipe};
-use crate::response::judge::{Verdict, judge, test_strokes};
+use crate::response::judge::{Verdict, judge, shifted_strokes, test_strokes};
 use crate::response::{BakedResponse, LampGrid, LampSpacing, Sources, bake_response, lamp_grid};
 use crate::streak;
 use glam::DVec3;
@@ -229,7 +229,13 @@ fn bake_clouds(
     ];
     let spacing = 0.5 * clouds.lamps.spacing_m;
     let usable = |point: DVec3| touches_wanted(&lamps, point);
-    let strokes = test_strokes(cloud, reach, usable, spacing, clouds.test_strokes as usize);
+    let count = clouds.test_strokes as usize;
+    let strokes = if clouds.lamps.prune {
+        let own: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lamps(0.0)).collect();
+        shifted_strokes(&own, usable, spacing, count)
+    } else {
+        test_strokes(cloud, reach, usable, spacing, count)
+    };
     let sources = Sources { lamps, distant: clouds.distant.clone() };
     let mut baked = bake_response(cloud, &sources, &clouds.response, &strokes, progress)?;
     let rows = std::mem::take(&mut baked.rows);

@@ -36,6 +36,8 @@ pub fn assert_close(found: f64, wanted: f64, relative: f64, what: &str) {
 }
 
 #[cfg(test)]
+mod frame;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;
