@@ -253,7 +253,7 @@ impl<'a> ResponseSection<'a> {
         for source in &head.distant {
             if let DistantKind::Beam { direction } = source.kind {
                 let length: f64 = direction.iter().map(|v| v * v).sum();
-                if !((length - 1.0).abs() < 1e-6) {
+                if !(1.0 - 1e-6..1.0 + 1e-6).contains(&length) {
                     return Err(invalid("beam direction", "a unit vector", format!("{direction:?}")));
                 }
             }

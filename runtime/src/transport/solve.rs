@@ -18,7 +18,7 @@
 use super::cloud::Cloud;
 use super::lanes::{Kernel, Lanes, SimdLevel, run};
 use super::quadrature::Quadrature;
-use super::sweep::{CellCoefficients, Leak, SweepBuffers, Sweeper};
+use super::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
 use crate::error::RuntimeError;
 use crate::phase::DeltaM;
 use fearless_simd::Simd;
@@ -116,7 +116,7 @@ impl<const M: usize> Solver<M> {
     ///
     /// Errors: settings outside their ranges.
     pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, RuntimeError> {
-        if !(settings.tolerance > 0.0) {
+        if settings.tolerance.is_nan() || settings.tolerance <= 0.0 {
             return Err(RuntimeError::argument("solver tolerance", "above 0", settings.tolerance));
         }
         let scaled = if settings.delta {
@@ -201,6 +201,11 @@ impl<const M: usize> Solver<M> {
         BatchReport { sweeps: sweeps + 1, lanes: lanes.collect() }
     }
 
+    /// What a sweep of `source` starts from.
+    fn emission<'a, P>(&'a self, source: &'a [[P; M]]) -> Emission<'a, P, M> {
+        Emission { cells: &self.cells, root_moments: self.signed_moments, source }
+    }
+
     /// |S|^½ of a cell, per moment.
     #[inline(always)]
     fn root(&self, cell: usize) -> [f32; M] {
@@ -274,7 +279,7 @@ impl<P: Lanes, const M: usize> Kernel for Residual<'_, P, M> {
                 sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
             }
         }
-        solver.sweeper.run(&solver.cells, solver.signed_moments, before, swept, faces, None);
+        solver.sweeper.run(solver.emission(before), swept, faces, None);
         let mut norm = Sums::new();
         for cell in 0..solution.len() {
             let root = solver.root(cell);
@@ -378,7 +383,7 @@ impl<P: Lanes, const M: usize> Kernel for Minres<'_, P, M> {
         }
         let mut used = 0;
         while used < self.budget && lanes.iter().any(|lane| lane.active) {
-            solver.sweeper.run(&solver.cells, solver.signed_moments, newest, swept, faces, None);
+            solver.sweeper.run(solver.emission(newest), swept, faces, None);
             used += 1;
             let mut alpha = Sums::new();
             for cell in 0..solution.len() {
@@ -451,7 +456,7 @@ impl<P: Lanes, const M: usize> Kernel for Gather<'_, P, M> {
                 sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
             }
         }
-        solver.sweeper.run(&solver.cells, solver.signed_moments, before, self.gathered, faces, self.leak);
+        solver.sweeper.run(solver.emission(before), self.gathered, faces, self.leak);
         let mut norm = Sums::new();
         for cell in 0..solution.len() {
             let root = solver.root(cell);
