@@ -55,6 +55,22 @@ pub enum BakeError {
     Interrupted,
 }
 
+/// Exit code of the command for what the runtime refused: 3 bad input, 4 the system.
+pub fn runtime_exit_code(error: &RuntimeError) -> u8 {
+    match error {
+        RuntimeError::Io { source, .. } => io_exit_code(source),
+        RuntimeError::Asset { .. } | RuntimeError::Argument { .. } => 3,
+    }
+}
+
+/// A file that is not there, or is a folder, is bad input; anything else is the system's refusal.
+pub fn io_exit_code(error: &std::io::Error) -> u8 {
+    match error.kind() {
+        std::io::ErrorKind::NotFound | std::io::ErrorKind::IsADirectory => 3,
+        _ => 4,
+    }
+}
+
 impl From<crate::recipe::RecipeError> for BakeError {
     fn from(error: crate::recipe::RecipeError) -> Self {
         Self::Recipe(Box::new(error))
@@ -66,13 +82,9 @@ impl BakeError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Failed(_) | Self::NotReached { .. } => 1,
-            Self::Input { .. }
-            | Self::Recipe(_)
-            | Self::Asset(RuntimeError::Asset { .. } | RuntimeError::Argument { .. }) => 3,
-            Self::Asset(RuntimeError::Io { source, .. }) | Self::Io { source, .. } => match source.kind() {
-                std::io::ErrorKind::NotFound | std::io::ErrorKind::IsADirectory => 3,
-                _ => 4,
-            },
+            Self::Input { .. } | Self::Recipe(_) => 3,
+            Self::Asset(error) => runtime_exit_code(error),
+            Self::Io { source, .. } => io_exit_code(source),
             Self::Interrupted => 130,
         }
     }

@@ -24,7 +24,7 @@ use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{BatchReport, GATHERED, SolveBuffers, SolveSettings, Solver};
+use squall_runtime::transport::solve::{BatchReport, GATHERED, SolveBuffers, SolveSettings, Solvable, Solver};
 
 /// Lamps solved side by side.
 pub const BATCH: usize = 16;
@@ -322,7 +322,7 @@ impl Context<'_> {
     }
 
     /// Traces lights, one list a lane, and solves for what they scatter.
-    fn solve_lanes<P: Lanes>(
+    fn solve_lanes<P: Solvable<4>>(
         &self,
         lanes: &[Vec<Light>],
         towards: bool,

@@ -18,6 +18,8 @@ pub const ALIGNMENT: u64 = 64;
 const HEADER_BYTES: usize = 64;
 const ENTRY_BYTES: usize = 48;
 const FLAG_REQUIRED: u16 = 1;
+/// How errors name the first eight bytes; [`ReadError::is_foreign`] looks for it.
+pub(crate) const MAGIC_FIELD: &str = "magic";
 
 /// One line of the section table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,12 +174,14 @@ impl Directory {
     /// and padding are zero and that the file ends where it says. Cost: the table and 64 bytes a section.
     pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, ReadError> {
         let total = bytes.len() as u64;
-        if bytes.len() < HEADER_BYTES {
-            return Err(header_error(0, "file length", "at least 64 bytes", format!("{total} bytes")));
+        let start = &bytes[..bytes.len().min(MAGIC.len())];
+        if start != MAGIC {
+            let found =
+                if start.is_empty() { "an empty file".into() } else { start.escape_ascii().to_string() };
+            return Err(header_error(0, MAGIC_FIELD, "\\x89SQUALL\\n (a .squall asset)", found));
         }
-        if bytes[..8] != MAGIC {
-            let found = bytes[..8].escape_ascii().to_string();
-            return Err(header_error(0, "magic", "\\x89SQUALL\\n (a .squall asset)", found));
+        if bytes.len() < HEADER_BYTES {
+            return Err(header_error(8, "file length", "at least 64 bytes", format!("{total} bytes")));
         }
         let version = le_u16(bytes, 8);
         if version != FORMAT_VERSION {

@@ -96,6 +96,27 @@ pub enum ReadError {
     },
 }
 
+impl ReadError {
+    /// Whether the bytes are no asset at all: they do not start as one does.
+    pub fn is_foreign(&self) -> bool {
+        matches!(self, Self::Header { field: crate::container::MAGIC_FIELD, .. })
+    }
+
+    /// Whether the bytes are an asset that came to harm, as opposed to one that this build cannot judge.
+    pub fn is_damage(&self) -> bool {
+        match self {
+            Self::Header { .. } => !self.is_foreign(),
+            Self::Truncated { .. }
+            | Self::Checksum { .. }
+            | Self::Invalid { .. }
+            | Self::OverLimit { .. } => true,
+            Self::Io(_) | Self::Unsupported { .. } | Self::UnknownRequired { .. } | Self::Missing { .. } => {
+                false
+            }
+        }
+    }
+}
+
 /// Upper bounds on what a file may ask for, checked before any allocation.
 #[derive(Clone, Debug)]
 pub struct Limits {

@@ -25,6 +25,7 @@ pub mod shade;
 pub mod stroke;
 pub mod tone;
 pub mod transport;
+pub mod verify;
 
 pub use error::RuntimeError;
 pub use load::Asset;

@@ -1,7 +1,7 @@
 //! From a file or bytes to an open asset: checks, and views into the bytes; nothing is copied or decoded.
 
 use crate::error::RuntimeError;
-use squall_formats::container::Directory;
+use squall_formats::container::{Directory, Entry};
 use squall_formats::{Limits, ReadError, Tag};
 use std::path::{Path, PathBuf};
 
@@ -92,27 +92,34 @@ impl Asset {
     fn new(bytes: Bytes, path: PathBuf) -> Result<Self, RuntimeError> {
         let limits = Limits::default();
         let read = Directory::read(bytes.as_slice(), &limits);
-        let directory = read.map_err(|source| RuntimeError::Asset { path: path.clone(), source })?;
+        let wrap = |source| RuntimeError::Asset { path: path.clone(), source };
+        let directory = read.map_err(wrap)?;
+        let unknown = |entry: &&Entry| entry.required && !squall_formats::section::is_known(entry.tag);
+        if let Some(entry) = directory.entries.iter().find(unknown) {
+            return Err(wrap(ReadError::UnknownRequired { section: entry.tag }));
+        }
         Ok(Self { bytes, directory, limits, path })
     }
 
-    fn check_heads(&self) -> Result<(), RuntimeError> {
+    /// Checks the head of every section.
+    pub(crate) fn check_heads(&self) -> Result<(), RuntimeError> {
         for entry in &self.directory.entries {
-            if entry.required && !squall_formats::section::is_known(entry.tag) {
-                return Err(self.wrap(ReadError::UnknownRequired { section: entry.tag }));
-            }
             entry.check_head(self.bytes()).map_err(|source| self.wrap(source))?;
         }
         Ok(())
     }
 
-    /// Recomputes every checksum: one pass over the whole file.
-    pub fn verify(&self) -> Result<(), RuntimeError> {
-        self.check_heads()?;
-        for entry in &self.directory.entries {
-            entry.check_whole(self.bytes()).map_err(|source| self.wrap(source))?;
-        }
-        Ok(())
+    /// Recomputes the checksum of section `tag` with its bulk, for those who are about to use it all.
+    ///
+    /// Errors: the section is damaged. An asset without it passes.
+    pub fn check_bulk(&self, tag: Tag) -> Result<(), RuntimeError> {
+        let Some(entry) = self.directory.find(tag) else { return Ok(()) };
+        entry.check_whole(self.bytes()).map_err(|source| self.wrap(source))
+    }
+
+    /// Bounds on what a file may ask for.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
     }
 
     /// The asset's section table.

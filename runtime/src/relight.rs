@@ -77,6 +77,7 @@ impl<'a> Relighter<'a> {
     /// Errors: the asset lacks either, or they are damaged.
     pub fn new(asset: &'a Asset) -> Result<Self, RuntimeError> {
         let grid = asset.section(CloudSection::TAG, "the cloud grid", CloudSection::read)?;
+        asset.check_bulk(CloudSection::TAG)?;
         grid.check_values().map_err(|error| asset.wrap(error))?;
         let response = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read)?;
         let head = grid.head;

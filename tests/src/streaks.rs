@@ -6,7 +6,7 @@ use squall_bake::synth::streak::synth_streak;
 use squall_formats::section::streak::StreakPattern;
 use squall_formats::section::streak::StreakSection;
 use squall_runtime::shade::streak::{Kernel, Scratch, StreakSet, Tile};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The reference pictures, or `None` with a word where they are not at hand.
 fn reference() -> Option<Vec<(PathBuf, Grey)>> {

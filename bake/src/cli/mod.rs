@@ -2,6 +2,7 @@
 
 mod bake;
 mod picture;
+mod inspect;
 mod progress;
 mod query;
 mod render;
@@ -9,8 +10,9 @@ mod solve;
 mod streaks;
 mod synth;
 mod table;
+mod verify;
 
-use squall_bake::BakeError;
+use squall_bake::error::{self, BakeError};
 use squall_runtime::RuntimeError;
 
 /// Bakes storms: cloud grids, pictures of rain and a recipe in; one .squall asset out.
@@ -27,6 +29,8 @@ enum Command {
     Render(render::Args),
     Solve(solve::Args),
     Query(query::Args),
+    Inspect(inspect::Args),
+    Verify(verify::Args),
     /// Turns pictures of streaks into cosines, and says how well.
     #[command(subcommand)]
     Streaks(streaks::Command),
@@ -42,22 +46,24 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Render(args) => render::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
+        Command::Inspect(args) => inspect::run(args),
+        Command::Verify(args) => verify::run(args),
         Command::Streaks(command) => streaks::run(command),
         Command::Synth(command) => synth::run(command),
     }
 }
 
 /// Exit code of an error: the innermost one that knows its own, else 3 (bad input).
-pub fn exit_code(error: &anyhow::Error) -> u8 {
-    for cause in error.chain() {
+pub fn exit_code(failure: &anyhow::Error) -> u8 {
+    for cause in failure.chain() {
         if let Some(error) = cause.downcast_ref::<BakeError>() {
             return error.exit_code();
         }
         if let Some(error) = cause.downcast_ref::<RuntimeError>() {
-            return match error {
-                RuntimeError::Io { source, .. } if source.kind() != std::io::ErrorKind::NotFound => 4,
-                _ => 3,
-            };
+            return error::runtime_exit_code(error);
+        }
+        if let Some(error) = cause.downcast_ref::<std::io::Error>() {
+            return error::io_exit_code(error);
         }
     }
     3

@@ -1,16 +1,16 @@
 //! Places in a recipe's text, and errors that point at them.
 
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
 /// What is wrong at one place of a recipe.
 #[derive(Clone, Debug)]
 pub struct RecipeError {
     /// The recipe.
-    pub file: PathBuf,
+    pub file: Box<Path>,
     /// Its whole text.
-    pub text: String,
+    pub text: Box<str>,
     /// Bytes of the text that are meant.
     pub span: Range<usize>,
     /// Which key.
@@ -101,8 +101,8 @@ impl Source<'_> {
         found: impl ToString,
     ) -> RecipeError {
         RecipeError {
-            file: self.file.to_owned(),
-            text: self.text.to_owned(),
+            file: self.file.into(),
+            text: self.text.into(),
             span,
             field: field.into(),
             wanted: wanted.into(),

@@ -204,6 +204,8 @@ pub struct Channel<'a> {
 pub const CHANNEL_BYTES: usize = 12;
 /// Stream value that announces an f32.
 pub const ESCAPE: i8 = i8::MIN;
+/// Largest value of a pair that is no escape.
+const LARGEST_SMALL: f32 = 127.0;
 
 impl<'a> ResponseSection<'a> {
     /// The section's tag.
@@ -260,19 +262,22 @@ impl<'a> ResponseSection<'a> {
         for source in &head.distant {
             if let DistantKind::Beam { direction } = source.kind {
                 let length: f64 = direction.iter().map(|v| v * v).sum();
-                if !((length - 1.0).abs() < 1e-6) {
+                if !(1.0 - 1e-6..1.0 + 1e-6).contains(&length) {
                     return Err(invalid("beam direction", "a unit vector", format!("{direction:?}")));
                 }
             }
         }
         let channels = head.channels.count();
-        let index_bytes = count * size_of::<RowEntry>();
-        let bounds_bytes = count * channels * size_of::<ChannelBound>();
+        // In 64 bits: on a 32-bit machine a hostile count could wrap around.
+        let index_bytes = count as u64 * size_of::<RowEntry>() as u64;
+        let bounds_bytes = (count * channels) as u64 * size_of::<ChannelBound>() as u64;
         let rows_start = (index_bytes + bounds_bytes).next_multiple_of(64);
-        if rest.len() < rows_start {
-            let missing = (rows_start - rest.len()) as u64;
+        if (rest.len() as u64) < rows_start {
+            let missing = rows_start - rest.len() as u64;
             return Err(ReadError::Truncated { section: Self::TAG, offset: bytes.len() as u64, missing });
         }
+        let [index_bytes, bounds_bytes, rows_start] =
+            [index_bytes, bounds_bytes, rows_start].map(|length| length as usize);
         let cast = |error: bytemuck::PodCastError| invalid("index", "an aligned array", error.to_string());
         let index: &[RowEntry] = bytemuck::try_cast_slice(&rest[..index_bytes]).map_err(cast)?;
         let bounds: &[ChannelBound] =
@@ -359,8 +364,8 @@ pub fn channels(row: &[u8], count: usize) -> Result<Vec<Channel<'_>>, ReadError>
         let word = |at: usize| [part[at], part[at + 1], part[at + 2], part[at + 3]];
         let (mean, step) = (f32::from_le_bytes(word(0)), f32::from_le_bytes(word(4)));
         let length = u32::from_le_bytes(word(8)) as usize;
-        if !(mean.is_finite() && step.is_finite()) {
-            return Err(invalid("channel mean and step", "finite", format!("{mean}, {step}")));
+        if !(mean.is_finite() && step >= 0.0 && (step * LARGEST_SMALL).is_finite()) {
+            return Err(invalid("channel mean and step", "finite, step from 0", format!("{mean}, {step}")));
         }
         let stream = rest.get(..length).ok_or_else(|| short(length - rest.len()))?;
         rest = &rest[length..];
@@ -378,7 +383,7 @@ pub fn channels(row: &[u8], count: usize) -> Result<Vec<Channel<'_>>, ReadError>
 /// the coefficient there is value × step; the value −128 says that an f32 follows and is the coefficient. A pair with
 /// value 0 only moves on.
 ///
-/// Errors: an index beyond the grid, or a stream that ends inside a pair.
+/// Errors: an index beyond the grid, a coefficient that is not finite, or a stream that ends inside a pair.
 #[inline]
 pub fn accumulate(
     channel: &Channel<'_>,
@@ -388,13 +393,17 @@ pub fn accumulate(
 ) -> Result<(), ReadError> {
     let beyond = || invalid("coefficient index", "below the number of cells", "one beyond".into());
     let broken = || invalid("coefficient stream", "whole coefficients", "one cut off".into());
+    let finite = |value: f32| {
+        let error = || invalid("coefficient", "finite", value.to_string());
+        if value.is_finite() { Ok(value) } else { Err(error()) }
+    };
     sums.first_mut().map(|sum| *sum += weight * channel.mean).ok_or_else(beyond)?;
     match codec {
         Codec::Paper => {
             let (pairs, rest) = channel.stream.as_chunks::<8>();
             for pair in pairs {
                 let index = u32::from_le_bytes([pair[0], pair[1], pair[2], pair[3]]) as usize;
-                let value = f32::from_le_bytes([pair[4], pair[5], pair[6], pair[7]]);
+                let value = finite(f32::from_le_bytes([pair[4], pair[5], pair[6], pair[7]]))?;
                 *sums.get_mut(index).ok_or_else(beyond)? += weight * value;
             }
             if !rest.is_empty() {
@@ -413,7 +422,7 @@ pub fn accumulate(
                 if value != ESCAPE {
                     *sum += scale * f32::from(value);
                 } else if let [a, b, c, d, rest @ ..] = stream {
-                    *sum += weight * f32::from_le_bytes([*a, *b, *c, *d]);
+                    *sum += weight * finite(f32::from_le_bytes([*a, *b, *c, *d]))?;
                     stream = rest;
                 } else {
                     return Err(broken());

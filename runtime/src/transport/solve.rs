@@ -16,9 +16,9 @@
 //! is an equation of its own and stops on its own, so that a light's bytes do not depend on its neighbours in the batch.
 
 use super::cloud::Cloud;
-use super::lanes::{Kernel, Lanes, SimdLevel, run};
+use super::lanes::{F32x16, Kernel, Lanes, SimdLevel, run};
 use super::quadrature::Quadrature;
-use super::sweep::{CellCoefficients, Leak, SweepBuffers, Sweeper};
+use super::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
 use crate::error::RuntimeError;
 use crate::phase::DeltaM;
 use fearless_simd::Simd;
@@ -72,6 +72,36 @@ pub struct Solver<const M: usize> {
     settings: SolveSettings,
 }
 
+/// Lanes that a solver with `M` source moments is compiled for: here, once, and not again in every crate that solves.
+pub trait Solvable<const M: usize>: Lanes {
+    /// [`Solver::solve`].
+    fn solve_batch(
+        solver: &Solver<M>,
+        direct: &[[Self; M]],
+        gathered: &mut Vec<[Self; GATHERED]>,
+        buffers: &mut SolveBuffers<Self, M>,
+        leak: Option<&mut Leak>,
+    ) -> BatchReport;
+}
+
+macro_rules! solvable {
+    ($($lanes:ty, $moments:literal;)*) => {$(
+        impl Solvable<$moments> for $lanes {
+            fn solve_batch(
+                solver: &Solver<$moments>,
+                direct: &[[Self; $moments]],
+                gathered: &mut Vec<[Self; GATHERED]>,
+                buffers: &mut SolveBuffers<Self, $moments>,
+                leak: Option<&mut Leak>,
+            ) -> BatchReport {
+                solver.solve_any(direct, gathered, buffers, leak)
+            }
+        }
+    )*};
+}
+
+solvable! { f32, 4; f32, 16; F32x16, 4; }
+
 /// How a lane's solve went.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaneReport {
@@ -116,7 +146,7 @@ impl<const M: usize> Solver<M> {
     ///
     /// Errors: settings outside their ranges.
     pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, RuntimeError> {
-        if !(settings.tolerance > 0.0) {
+        if settings.tolerance.is_nan() || settings.tolerance <= 0.0 {
             return Err(RuntimeError::argument("solver tolerance", "above 0", settings.tolerance));
         }
         let scaled = if settings.delta {
@@ -155,7 +185,17 @@ impl<const M: usize> Solver<M> {
     /// light that leaves the grid, W.
     ///
     /// Panics when `direct` is not one grid long.
-    pub fn solve<P: Lanes>(
+    pub fn solve<P: Solvable<M>>(
+        &self,
+        direct: &[[P; M]],
+        gathered: &mut Vec<[P; GATHERED]>,
+        buffers: &mut SolveBuffers<P, M>,
+        leak: Option<&mut Leak>,
+    ) -> BatchReport {
+        P::solve_batch(self, direct, gathered, buffers, leak)
+    }
+
+    fn solve_any<P: Lanes>(
         &self,
         direct: &[[P; M]],
         gathered: &mut Vec<[P; GATHERED]>,
@@ -199,6 +239,11 @@ impl<const M: usize> Solver<M> {
             LaneReport { residual, converged: residual <= self.settings.tolerance }
         });
         BatchReport { sweeps: sweeps + 1, lanes: lanes.collect() }
+    }
+
+    /// What a sweep of `source` starts from.
+    fn emission<'a, P>(&'a self, source: &'a [[P; M]]) -> Emission<'a, P, M> {
+        Emission { cells: &self.cells, root_moments: self.signed_moments, source }
     }
 
     /// |S|^½ of a cell, per moment.
@@ -274,7 +319,7 @@ impl<P: Lanes, const M: usize> Kernel for Residual<'_, P, M> {
                 sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
             }
         }
-        solver.sweeper.run(&solver.cells, solver.signed_moments, before, swept, faces, None);
+        solver.sweeper.run(solver.emission(before), swept, faces, None);
         let mut norm = Sums::new();
         for cell in 0..solution.len() {
             let root = solver.root(cell);
@@ -378,7 +423,7 @@ impl<P: Lanes, const M: usize> Kernel for Minres<'_, P, M> {
         }
         let mut used = 0;
         while used < self.budget && lanes.iter().any(|lane| lane.active) {
-            solver.sweeper.run(&solver.cells, solver.signed_moments, newest, swept, faces, None);
+            solver.sweeper.run(solver.emission(newest), swept, faces, None);
             used += 1;
             let mut alpha = Sums::new();
             for cell in 0..solution.len() {
@@ -451,7 +496,7 @@ impl<P: Lanes, const M: usize> Kernel for Gather<'_, P, M> {
                 sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
             }
         }
-        solver.sweeper.run(&solver.cells, solver.signed_moments, before, self.gathered, faces, self.leak);
+        solver.sweeper.run(solver.emission(before), self.gathered, faces, self.leak);
         let mut norm = Sums::new();
         for cell in 0..solution.len() {
             let root = solver.root(cell);

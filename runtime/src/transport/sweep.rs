@@ -124,6 +124,18 @@ pub struct CellCoefficients {
     pub root_scattering: Vec<f32>,
 }
 
+/// What a sweep starts from: with k = `root_moments[degree]` a cell's source in direction Ω is
+/// q = √σ_s Σ_m k Y_m(Ω) source_m, which is how the symmetric solver keeps its vectors.
+#[derive(Clone, Copy, Debug)]
+pub struct Emission<'a, P, const M: usize> {
+    /// The medium, one entry a cell.
+    pub cells: &'a CellCoefficients,
+    /// Root of each degree's share of light that is scattered.
+    pub root_moments: [f32; 4],
+    /// `M` values a cell and lane, x fastest.
+    pub source: &'a [[P; M]],
+}
+
 impl Sweeper {
     /// Plans sweeps through `cloud`'s grid. Errors: a direction set outside its range.
     pub fn new(
@@ -170,36 +182,28 @@ impl Sweeper {
 
     /// Moments of the angular flux that the sources make.
     ///
-    /// `source` holds `M` values a cell and lane, x fastest; with k = `root_moments[degree]` a cell's source in
-    /// direction Ω is q = √σ_s Σ_m k Y_m(Ω) source_m, which is how the symmetric solver keeps its vectors.
     /// `result` gets `O` moments ∫ Y_m ψ dΩ a cell and lane, overwritten. `leak`, if given, is added to: light leaving
     /// the grid, watts.
     ///
     /// Panics when an array is not one grid long.
     pub fn run<P: Lanes, const M: usize, const O: usize>(
         &self,
-        cells: &CellCoefficients,
-        root_moments: [f32; 4],
-        source: &[[P; M]],
+        emission: Emission<'_, P, M>,
         result: &mut [[P; O]],
         buffers: &mut SweepBuffers<P>,
         leak: Option<&mut Leak>,
     ) {
+        let Emission { cells, root_moments, source } = emission;
         let count = self.shape.len();
         assert!(source.len() == count && result.len() == count && cells.extinction.len() == count);
         if P::COUNT == 1 && self.boundary == Boundary::Open {
-            let (source, result) = (bytemuck::cast_slice(source), bytemuck::cast_slice_mut(result));
+            let emission = Emission { cells, root_moments, source: bytemuck::cast_slice(source) };
+            let result = bytemuck::cast_slice_mut(result);
             let SweepBuffers { four, eight, sixteen, .. } = buffers;
             match &self.bundles {
-                Bundles::Four(pairs) => {
-                    self.single::<_, M, O>(pairs, cells, root_moments, source, result, four, leak)
-                }
-                Bundles::Eight(pairs) => {
-                    self.single::<_, M, O>(pairs, cells, root_moments, source, result, eight, leak)
-                }
-                Bundles::Sixteen(pairs) => {
-                    self.single::<_, M, O>(pairs, cells, root_moments, source, result, sixteen, leak)
-                }
+                Bundles::Four(pairs) => self.single::<_, M, O>(pairs, emission, result, four, leak),
+                Bundles::Eight(pairs) => self.single::<_, M, O>(pairs, emission, result, eight, leak),
+                Bundles::Sixteen(pairs) => self.single::<_, M, O>(pairs, emission, result, sixteen, leak),
             }
             return;
         }
@@ -208,17 +212,15 @@ impl Sweeper {
         run(self.level, kernel);
     }
 
-    #[allow(clippy::too_many_arguments)]
     fn single<D: Lanes, const M: usize, const O: usize>(
         &self,
         pairs: &[Pair<D>],
-        cells: &CellCoefficients,
-        root_moments: [f32; 4],
-        source: &[[f32; M]],
+        emission: Emission<'_, f32, M>,
         result: &mut [[f32; O]],
         faces: &mut Faces<D>,
         leak: Option<&mut Leak>,
     ) {
+        let Emission { cells, root_moments, source } = emission;
         let kernel = SingleKernel {
             shape: self.shape,
             pairs,

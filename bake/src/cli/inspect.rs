@@ -1,0 +1,234 @@
+//! `squall inspect ASSET [--json]`
+use super::table::{self, Column};
+use serde_json::{Value, json};
+use squall_formats::container::{Entry, FORMAT_VERSION};
+use squall_formats::section::bolt::BoltSection;
+use squall_formats::section::cloud::CloudSection;
+use squall_formats::section::density::{DensitySection, Mode};
+use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
+use squall_formats::section::response::{
+    ChannelBasis, Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
+};
+use squall_formats::section::streak::StreakSection;
+use squall_formats::section::town::TownSection;
+use squall_formats::section::view::ViewSection;
+use squall_runtime::{Asset, RuntimeError};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Says what is inside an asset.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The asset.
+    asset: PathBuf,
+    /// Print JSON: the section table and the budgets.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Only the heads of sections are read, so that the time taken does not depend on the asset's size.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let asset = Asset::open_directory(&args.asset)?;
+    let provenance = match asset.directory().find(ProvenanceSection::TAG) {
+        Some(_) => Some(asset.section(ProvenanceSection::TAG, "provenance", ProvenanceSection::read)?),
+        None => None,
+    };
+    if args.json {
+        return table::print(&format!("{:#}\n", in_json(&asset, provenance.as_ref())));
+    }
+    let (text, damage) = in_words(&asset, provenance.as_ref());
+    table::print(&text)?;
+    damage.map_or(Ok(()), |error| Err(error.into()))
+}
+
+fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
+    let section = |entry: &Entry| {
+        json!({
+            "tag": entry.tag.to_string(),
+            "version": entry.version,
+            "required": entry.required,
+            "offset": entry.offset,
+            "bytes": entry.length,
+            "checksum": format!("{:08x}", entry.checksum),
+        })
+    };
+    let budget = |record: &BudgetRecord| {
+        json!({
+            "part": record.part,
+            "metric": record.metric,
+            "asked": record.asked,
+            "got": record.got,
+            "chosen": record.chosen,
+            "next_better": record.next_better,
+            "next_cheaper": record.next_cheaper,
+        })
+    };
+    let sections: Vec<Value> = asset.directory().entries.iter().map(section).collect();
+    let budgets: Vec<Value> = provenance.iter().flat_map(|p| &p.budgets).map(budget).collect();
+    json!({
+        "format_version": FORMAT_VERSION,
+        "bytes": asset.bytes().len(),
+        "recipe_hash": provenance.map(|p| hex(&p.recipe_hash)),
+        "sections": sections,
+        "budgets": budgets,
+    })
+}
+
+/// The whole report, and the first section that could not be read.
+fn in_words(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (String, Option<RuntimeError>) {
+    let (mut text, mut damage) = (String::new(), None);
+    let bytes = table::bytes(asset.bytes().len() as u64);
+    let _ = writeln!(text, "{}: format {FORMAT_VERSION}, {bytes} bytes", asset.path().display());
+    if let Some(provenance) = provenance {
+        let tool = table::plain(&provenance.tool);
+        let _ = writeln!(text, "baked by {tool} from recipe {}", hex(&provenance.recipe_hash));
+    }
+    let mut sections = Vec::new();
+    for entry in &asset.directory().entries {
+        let holds = match describe(asset, entry) {
+            Ok(holds) => holds,
+            Err(error) => {
+                let words = "cannot be read".to_owned();
+                damage.get_or_insert(error);
+                words
+            }
+        };
+        sections.push(vec![
+            entry.tag.to_string(),
+            entry.version.to_string(),
+            if entry.required { "yes" } else { "no" }.to_owned(),
+            table::bytes(entry.offset),
+            table::bytes(entry.length),
+            format!("{:08x}", entry.checksum),
+            holds,
+        ]);
+    }
+    let columns = [
+        Column::left("section"),
+        Column::right("version"),
+        Column::left("required"),
+        Column::right("offset"),
+        Column::right("bytes"),
+        Column::left("checksum"),
+        Column::left("holds"),
+    ];
+    let _ = write!(text, "\n{}", table::layout(&columns, &sections));
+    if let Some(provenance) = provenance {
+        if !provenance.inputs.is_empty() {
+            let columns = [Column::left("input"), Column::right("bytes"), Column::left("BLAKE3")];
+            let rows = provenance.inputs.iter();
+            let rows = rows.map(|i| vec![table::plain(&i.name), table::bytes(i.bytes), hex(&i.hash)]);
+            let _ = write!(text, "\n{}", table::layout(&columns, &rows.collect::<Vec<_>>()));
+        }
+        if !provenance.budgets.is_empty() {
+            let columns = [
+                Column::left("budget"),
+                Column::left("metric"),
+                Column::right("asked"),
+                Column::right("got"),
+                Column::left("chosen"),
+            ];
+            let rows: Vec<_> = provenance.budgets.iter().flat_map(budget_rows).collect();
+            let _ = write!(text, "\n{}", table::layout(&columns, &rows));
+        }
+    }
+    (text, damage)
+}
+
+/// A budget's line, and one for each neighbouring setting that is noted.
+fn budget_rows(record: &BudgetRecord) -> Vec<Vec<String>> {
+    let asked = record.asked.map_or("–".into(), table::figure);
+    let (part, metric) = (table::plain(&record.part), table::plain(&record.metric));
+    let mut rows = vec![vec![part, metric, asked, table::figure(record.got), table::plain(&record.chosen)]];
+    for (name, other) in [("next better", &record.next_better), ("next cheaper", &record.next_cheaper)] {
+        if let Some(other) = other {
+            let blank = String::new;
+            rows.push(vec![blank(), blank(), blank(), blank(), format!("{name}: {}", table::plain(other))]);
+        }
+    }
+    rows
+}
+
+/// What a section holds, in words.
+fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
+    Ok(match entry.tag {
+        ProvenanceSection::TAG => {
+            let section = asset.section(entry.tag, "provenance", ProvenanceSection::read)?;
+            format!("provenance: {} inputs, {} figures", section.inputs.len(), section.budgets.len())
+        }
+        CloudSection::TAG => {
+            let head = asset.section(entry.tag, "the cloud grid", CloudSection::read)?.head;
+            let [nx, ny, nz] = head.shape.to_array();
+            let [hx, hy, hz] = head.cell_m;
+            let edges = if head.periodic_xy { ", periodic in x and y" } else { "" };
+            format!(
+                "cloud: {nx} × {ny} × {nz} cells of {hx} × {hy} × {hz} m, albedo {}, g {}{edges}",
+                head.albedo, head.g
+            )
+        }
+        ResponseSection::TAG => {
+            let section = asset.section(entry.tag, "the cloud's response", ResponseSection::read)?;
+            describe_response(&section.head)
+        }
+        BoltSection::TAG => {
+            let section = asset.section(entry.tag, "strokes", BoltSection::read)?;
+            let names: Vec<_> = section.strokes.iter().map(|stroke| table::plain(&stroke.name)).collect();
+            format!("{} strokes: {}", names.len(), names.join(", "))
+        }
+        DensitySection::TAG => {
+            let section = asset.section(entry.tag, "rain density tables", DensitySection::read)?;
+            let [low, high] = section.ranges.rate.map(|rate| rate.0);
+            format!(
+                "rain: {} rates from {low} to {high} mm/h, {} classes of drops",
+                section.rates.len(),
+                section.table(Mode::Default).classes.len()
+            )
+        }
+        StreakSection::TAG => {
+            let section = asset.section(entry.tag, "streak patterns", StreakSection::read)?;
+            let terms: usize = section.patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
+            format!("streaks: {} patterns, {terms} terms", section.patterns.len())
+        }
+        TownSection::TAG => {
+            let town = asset.section(entry.tag, "the ground and what stands on it", TownSection::read)?;
+            let hills = if town.hills.is_some() { ", hills" } else { "" };
+            let (blocks, roads) = (town.blocks.len(), town.ground.roads.len());
+            format!("town: {blocks} blocks, {} lamps, {roads} roads{hills}", town.lamps.len())
+        }
+        ViewSection::TAG => {
+            let view = asset.section(entry.tag, "the view", ViewSection::read)?;
+            let [width, height] = view.camera.size_px;
+            let (rate, flashes) = (view.rain.rate_mm_per_h, view.flashes.len());
+            format!("view: {width} × {height}, {rate} mm/h, {flashes} strokes flash")
+        }
+        _ => "unknown to this build".into(),
+    })
+}
+
+fn describe_response(head: &ResponseHead) -> String {
+    let SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &head.sources;
+    let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
+    let channels = match head.channels {
+        ChannelBasis::Directions26 => "26 directions".to_owned(),
+        ChannelBasis::Harmonics { degree } => format!("{} harmonics", (degree + 1) * (degree + 1)),
+    };
+    let codec = match head.codec {
+        Codec::Paper => "index and value",
+        Codec::Bytes => "two bytes a coefficient",
+    };
+    let direct = match head.direct {
+        DirectTerm::InRows => "direct light inside",
+        DirectTerm::AtRunTime => "direct light at run time",
+    };
+    format!(
+        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}",
+        x_m.len(),
+        y_m.len(),
+        z_m.len(),
+        head.distant.len()
+    )
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
