@@ -4,6 +4,7 @@ use super::{CLOUD_M, EYE_M, Flash};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;
+use crate::relight::LampPoint;
 use crate::shade::sky::Sky;
 use crate::shade::town::Town;
 use crate::shade::town::light::PointLight;
@@ -22,8 +23,10 @@ const MOST_POINTS: f64 = 4096.0;
 /// Light that less than this share of arrives is left out.
 const FAINT: f32 = 1e-4;
 /// Points of each stroke that light surfaces with shadows, and that stand in the water.
-const SHADOW_POINTS: f64 = 4.0;
-const IMAGE_POINTS: f64 = 80.0;
+const SHADOW_POINTS: f32 = 3.0;
+const IMAGE_POINTS: f64 = 72.0;
+/// Pieces with less than this share of an average one's light are twigs.
+const TWIG: f32 = 0.3;
 
 /// A flash as the town sees it.
 pub struct TownLights {
@@ -45,25 +48,51 @@ pub fn town_lights(
     eye: DVec3,
     air: &dyn Fn(f64) -> [f32; 3],
 ) -> TownLights {
-    let points = |count: f64| -> Vec<PointLight> {
-        let of = |flash: &Flash<'_>| -> Vec<PointLight> {
-            let length: f64 = flash.stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
-            let lamps = flash.stroke.lamps(length / count);
-            lamps
-                .iter()
-                .filter_map(|lamp| {
-                    let visibility = through(cloud, eye, lamp.position);
-                    let clear = air(eye.distance(lamp.position));
-                    let full = flash.intensity(lamp.intensity);
-                    let intensity = std::array::from_fn(|band| full[band] * clear[band]);
-                    let point = PointLight { position: lamp.position.as_vec3(), intensity, visibility };
-                    (visibility > FAINT).then_some(point)
-                })
-                .collect()
+    let mut lights = TownLights { shadows: Vec::new(), images: Vec::new() };
+    for flash in flashes {
+        let length: f64 = flash.stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
+        let seen = |lamp: &LampPoint| {
+            let visibility = through(cloud, eye, lamp.position);
+            let clear = air(eye.distance(lamp.position));
+            let full = flash.intensity(lamp.intensity);
+            let intensity = std::array::from_fn(|band| full[band] * clear[band]);
+            PointLight { position: lamp.position.as_vec3(), intensity, visibility }
         };
-        flashes.iter().flat_map(of).collect()
-    };
-    TownLights { shadows: points(SHADOW_POINTS), images: points(IMAGE_POINTS) }
+        let points: Vec<PointLight> = flash.stroke.lamps(length / IMAGE_POINTS).iter().map(seen).collect();
+        let light = |point: &PointLight| point.visibility * point.intensity.iter().sum::<f32>();
+        let total: f32 = points.iter().map(light).sum();
+        let bare: f32 = points.iter().map(|point| point.intensity.iter().sum::<f32>()).sum();
+        if total <= FAINT * bare {
+            continue;
+        }
+        // Twigs whose image no one would see give their light to the rest.
+        let bright = |point: &&PointLight| light(point) > TWIG * total / IMAGE_POINTS as f32;
+        let kept: f32 = points.iter().filter(bright).map(light).sum();
+        let scale = total / kept;
+        let grown =
+            |point: &PointLight| PointLight { intensity: point.intensity.map(|v| v * scale), ..*point };
+        lights.images.extend(points.iter().filter(bright).map(grown));
+        lights.shadows.extend(gathered(points, light, total));
+    }
+    lights
+}
+
+/// A few points in place of many: equal shares of the light from the top down, each at its middle.
+fn gathered(mut points: Vec<PointLight>, light: impl Fn(&PointLight) -> f32, total: f32) -> Vec<PointLight> {
+    points.sort_by(|a, b| b.position.z.total_cmp(&a.position.z));
+    let mut few = Vec::new();
+    let (mut sum, mut middle, mut bands) = (0.0f32, Vec3::ZERO, Vec3::ZERO);
+    for (i, point) in points.iter().enumerate() {
+        sum += light(point);
+        middle += point.position * light(point);
+        bands += Vec3::from_array(point.intensity) * point.visibility;
+        if sum >= total / SHADOW_POINTS || (i + 1 == points.len() && sum > 0.0) {
+            let position = middle / sum;
+            few.push(PointLight { position, intensity: bands.to_array(), visibility: 1.0 });
+            (sum, middle, bands) = (0.0, Vec3::ZERO, Vec3::ZERO);
+        }
+    }
+    few
 }
 
 /// Irradiance of the strokes' own light at the eye, W/m² per channel, and the direction that it travels in.
