@@ -18,7 +18,7 @@ use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::SimdLevel;
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{SolveBuffers, SolveSettings, Solvable, Solver};
+use squall_runtime::transport::solve::{Solvable, SolveBuffers, SolveSettings, Solver};
 use squall_runtime::transport::sweep::Leak;
 
 /// How finely to solve.

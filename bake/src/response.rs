@@ -24,7 +24,9 @@ use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{BatchReport, GATHERED, SolveBuffers, SolveSettings, Solvable, Solver};
+use squall_runtime::transport::solve::{
+    BatchReport, GATHERED, Solvable, SolveBuffers, SolveSettings, Solver,
+};
 
 /// Lamps solved side by side.
 pub const BATCH: usize = 16;

@@ -1,8 +1,8 @@
 //! One file per subcommand; no mathematics in any of them.
 
 mod bake;
-mod picture;
 mod inspect;
+mod picture;
 mod progress;
 mod query;
 mod render;
