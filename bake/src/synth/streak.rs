@@ -262,7 +262,7 @@ mod tests {
         /// Of the middle column: what the grid of rays, shifted from moment to moment, leaves.
         const GRID: f64 = 0.01;
         let radius = 0.5 * DIAMETER;
-        let picture = expose(&still(10.0), &|_| 1.0, 1.0);
+        let picture = expose(&still(5.0), &|_| 1.0, 1.0);
         // Mean over a pixel's width of the time that it is covered, ∝ the chord 2√(r² − x²).
         let area = |x: f64| {
             let x = x.clamp(-radius, radius);
@@ -284,7 +284,7 @@ mod tests {
         // The light of all rows is that of as many full ones as the path has.
         let full = all / rows.len() as f64;
         let sum: f64 = picture.pixels.iter().map(|&v| f64::from(v)).sum();
-        assert!((sum / (full * 10.0 * DIAMETER) - 1.0).abs() < GRID, "{sum}");
+        assert!((sum / (full * 5.0 * DIAMETER) - 1.0).abs() < GRID, "{sum}");
     }
 
     #[test]
