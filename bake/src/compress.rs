@@ -76,6 +76,10 @@ pub fn compress_row(
             break;
         }
         edge = candidate + 1;
+        // Nothing is left to leave out; the edges beyond end in infinities, which no step may be.
+        if below == all {
+            break;
+        }
     }
     loop {
         let row = write_row(coefficients, cells, codec, lower_edge(edge));
@@ -184,8 +188,26 @@ mod tests {
 
     #[test]
     fn a_source_without_light_takes_no_stream() {
-        let row = compress_row(&[0.0; 64], 2, Codec::Bytes, 0.01);
-        assert_eq!((row.kept, row.bytes.len()), (0, 2 * 12));
+        for codec in [Codec::Paper, Codec::Bytes] {
+            let row = compress_row(&[0.0; 64], 2, codec, 0.01);
+            assert_eq!((row.kept, row.bytes.len()), (0, 2 * 12));
+            assert_eq!(decode(&row, 2, 32, codec), vec![0.0; 64]);
+        }
+    }
+
+    #[test]
+    fn a_budget_of_all_the_light_leaves_the_means() {
+        let values: Vec<f32> = (0..64).map(|i| (i % 32 + 1) as f32).collect();
+        for codec in [Codec::Paper, Codec::Bytes] {
+            for error in [1.0, 10.0] {
+                let row = compress_row(&values, 2, codec, error);
+                assert_eq!((row.kept, row.bytes.len()), (0, 2 * 12));
+                let wanted: Vec<f32> = (0..64).map(|i| if i % 32 == 0 { 1.0 } else { 0.0 }).collect();
+                assert_eq!(decode(&row, 2, 32, codec), wanted);
+                // 2² + … + 32².
+                assert_eq!(row.bounds[0], ChannelBound { discarded: 11439f32.sqrt(), quantised: 0.0 });
+            }
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Section tags, and one module per section.
 
 pub mod bolt;
+pub mod check;
 pub mod cloud;
 pub mod density;
 pub mod provenance;

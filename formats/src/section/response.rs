@@ -4,6 +4,10 @@
 //! answer to a source of unit strength. Rows are contiguous and found through an index, so that a reader touches only
 //! the sources that a stroke needs.
 
+mod stream;
+
+pub use stream::{CHANNEL_BYTES, Channel, ESCAPE, StreamWriter, accumulate, channels, check_stream};
+
 use crate::container::{OutSection, checksum};
 use crate::error::{Limits, ReadError};
 use crate::grid::GridShape;
@@ -189,24 +193,6 @@ pub struct ResponseSection<'a> {
     pub rows: &'a [u8],
 }
 
-/// One channel of a row as it lies in the file.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Channel<'a> {
-    /// Coefficient 0: the mean times √cells.
-    pub mean: f32,
-    /// Value of a quantised 1.
-    pub step: f32,
-    /// The rest.
-    pub stream: &'a [u8],
-}
-
-/// Bytes of a channel's fixed part: mean, step, stream length.
-pub const CHANNEL_BYTES: usize = 12;
-/// Stream value that announces an f32.
-pub const ESCAPE: i8 = i8::MIN;
-/// Largest value of a pair that is no escape.
-const LARGEST_SMALL: f32 = 127.0;
-
 impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = Tag(*b"CLRT");
@@ -348,130 +334,6 @@ impl<'a> ResponseSection<'a> {
 
 fn invalid(field: &'static str, wanted: &'static str, found: String) -> ReadError {
     ReadError::Invalid { section: ResponseSection::TAG, offset: 8, field, wanted, found }
-}
-
-/// Splits a row into its channels. Errors: a row that ends early or has bytes left over.
-pub fn channels(row: &[u8], count: usize) -> Result<Vec<Channel<'_>>, ReadError> {
-    let short = |missing: usize| ReadError::Truncated {
-        section: ResponseSection::TAG,
-        offset: row.len() as u64,
-        missing: missing as u64,
-    };
-    let fixed = row.get(..count * CHANNEL_BYTES).ok_or_else(|| short(count * CHANNEL_BYTES - row.len()))?;
-    let mut rest = &row[count * CHANNEL_BYTES..];
-    let mut out = Vec::with_capacity(count);
-    for part in fixed.chunks_exact(CHANNEL_BYTES) {
-        let word = |at: usize| [part[at], part[at + 1], part[at + 2], part[at + 3]];
-        let (mean, step) = (f32::from_le_bytes(word(0)), f32::from_le_bytes(word(4)));
-        let length = u32::from_le_bytes(word(8)) as usize;
-        if !(mean.is_finite() && step >= 0.0 && (step * LARGEST_SMALL).is_finite()) {
-            return Err(invalid("channel mean and step", "finite, step from 0", format!("{mean}, {step}")));
-        }
-        let stream = rest.get(..length).ok_or_else(|| short(length - rest.len()))?;
-        rest = &rest[length..];
-        out.push(Channel { mean, step, stream });
-    }
-    if !rest.is_empty() {
-        return Err(invalid("row", "no byte behind its last channel", format!("{} bytes", rest.len())));
-    }
-    Ok(out)
-}
-
-/// Adds `weight` times a channel's coefficients to `sums`, which has one place a cell.
-///
-/// The stream of codec `Bytes` is pairs (gap, value): the index moves on by gap + 1 from the one before, 0 at the start, and
-/// the coefficient there is value × step; the value −128 says that an f32 follows and is the coefficient. A pair with
-/// value 0 only moves on.
-///
-/// Errors: an index beyond the grid, a coefficient that is not finite, or a stream that ends inside a pair.
-#[inline]
-pub fn accumulate(
-    channel: &Channel<'_>,
-    codec: Codec,
-    weight: f32,
-    sums: &mut [f32],
-) -> Result<(), ReadError> {
-    let beyond = || invalid("coefficient index", "below the number of cells", "one beyond".into());
-    let broken = || invalid("coefficient stream", "whole coefficients", "one cut off".into());
-    let finite = |value: f32| {
-        let error = || invalid("coefficient", "finite", value.to_string());
-        if value.is_finite() { Ok(value) } else { Err(error()) }
-    };
-    sums.first_mut().map(|sum| *sum += weight * channel.mean).ok_or_else(beyond)?;
-    match codec {
-        Codec::Paper => {
-            let (pairs, rest) = channel.stream.as_chunks::<8>();
-            for pair in pairs {
-                let index = u32::from_le_bytes([pair[0], pair[1], pair[2], pair[3]]) as usize;
-                let value = finite(f32::from_le_bytes([pair[4], pair[5], pair[6], pair[7]]))?;
-                *sums.get_mut(index).ok_or_else(beyond)? += weight * value;
-            }
-            if !rest.is_empty() {
-                return Err(broken());
-            }
-        }
-        Codec::Bytes => {
-            let scale = weight * channel.step;
-            let mut index = 0usize;
-            let mut stream = channel.stream;
-            while let [gap, value, rest @ ..] = stream {
-                index += usize::from(*gap) + 1;
-                stream = rest;
-                let sum = sums.get_mut(index).ok_or_else(beyond)?;
-                let value = *value as i8;
-                if value != ESCAPE {
-                    *sum += scale * f32::from(value);
-                } else if let [a, b, c, d, rest @ ..] = stream {
-                    *sum += weight * finite(f32::from_le_bytes([*a, *b, *c, *d]))?;
-                    stream = rest;
-                } else {
-                    return Err(broken());
-                }
-            }
-            if !stream.is_empty() {
-                return Err(broken());
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Puts a stream together; coefficients come in rising index, index 0 excluded.
-#[derive(Clone, Debug, Default)]
-pub struct StreamWriter {
-    bytes: Vec<u8>,
-    at: usize,
-}
-
-impl StreamWriter {
-    fn move_to(&mut self, index: usize) -> u8 {
-        let mut gap = index - self.at - 1;
-        while gap > 255 {
-            self.bytes.extend_from_slice(&[255, 0]);
-            gap -= 256;
-        }
-        self.at = index;
-        gap as u8
-    }
-
-    /// A coefficient of `value` steps, −127 to 127.
-    pub fn small(&mut self, index: usize, value: i8) {
-        let gap = self.move_to(index);
-        self.bytes.extend_from_slice(&[gap, value as u8]);
-    }
-
-    /// A coefficient kept as it is.
-    pub fn large(&mut self, index: usize, value: f32) {
-        let gap = self.move_to(index);
-        self.bytes.extend_from_slice(&[gap, ESCAPE as u8]);
-        self.bytes.extend_from_slice(&value.to_le_bytes());
-    }
-
-    /// The stream so far, which is taken; the next coefficient starts a new one.
-    pub fn take(&mut self) -> Vec<u8> {
-        self.at = 0;
-        std::mem::take(&mut self.bytes)
-    }
 }
 
 /// Rows gathered for writing.

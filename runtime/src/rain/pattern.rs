@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn working_memory_stops_growing() {
         let (set, mut scratch) = (set(), PatternScratch::default());
-        let mut round = |scratch: &mut PatternScratch| {
+        let round = |scratch: &mut PatternScratch| {
             let mut random = Random::new(7);
             for _ in 0..50 {
                 let (length, width) = (random.range(20.0, 90.0), libm::exp2(random.range(-3.0, 4.0)));

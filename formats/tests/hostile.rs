@@ -1,0 +1,367 @@
+//! Bytes that mean harm: every section of the golden assets, cut, flipped, forged and lengthened, through its own reader.
+//!
+//! Whatever comes out is an error or a value in range; never a panic, and never more memory than a small multiple of
+//! the bytes that were given.
+
+use peak_alloc::PeakAlloc;
+use proptest::prelude::*;
+use squall_formats::container::Directory;
+use squall_formats::section::bolt::{BoltSection, StrokeRecord};
+use squall_formats::section::check::check;
+use squall_formats::section::cloud::{CloudHead, CloudSection};
+use squall_formats::section::response::{
+    ChannelBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection, SourceBasis, write,
+};
+use squall_formats::section::town::TownSection;
+use squall_formats::section::{KNOWN, is_known};
+use squall_formats::{GridShape, Limits, ReadError, Tag};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard};
+
+#[global_allocator]
+static MEMORY: PeakAlloc = PeakAlloc;
+
+/// Memory is measured for the whole process, so tests take turns.
+fn alone() -> MutexGuard<'static, ()> {
+    static TURN: Mutex<()> = Mutex::new(());
+    TURN.lock().unwrap_or_else(|broken| broken.into_inner())
+}
+
+/// Bytes on a boundary fit for every array, as a memory map has them.
+#[derive(Clone)]
+struct Aligned(Vec<u64>, usize);
+
+impl Aligned {
+    fn new(bytes: &[u8]) -> Self {
+        let mut words = vec![0; bytes.len().div_ceil(8)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        Self(words, bytes.len())
+    }
+
+    fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.0)[..self.1]
+    }
+
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        &mut bytemuck::cast_slice_mut(&mut self.0)[..self.1]
+    }
+}
+
+struct Sample {
+    tag: Tag,
+    head: usize,
+    bytes: Aligned,
+}
+
+/// Every section of every golden asset.
+fn samples() -> Vec<Sample> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/golden/v1");
+    let mut files: Vec<PathBuf> = folder.read_dir().unwrap().map(|file| file.unwrap().path()).collect();
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "squall"));
+    files.sort();
+    let mut samples = Vec::new();
+    for file in files {
+        let bytes = std::fs::read(file).unwrap();
+        for entry in Directory::read(&bytes, &Limits::default()).unwrap().entries {
+            let part = Aligned::new(entry.bytes(&bytes).unwrap());
+            samples.push(Sample { tag: entry.tag, head: entry.head_length as usize, bytes: part });
+        }
+    }
+    samples
+}
+
+/// Every kind of section but the town, whose own tests (section/town.rs) do the same on one made by hand.
+fn kinds() -> impl Iterator<Item = Tag> {
+    KNOWN.iter().copied().filter(|&tag| tag != TownSection::TAG)
+}
+
+fn read(tag: Tag, bytes: &[u8]) -> Result<(), ReadError> {
+    check(tag, bytes, 1, &Limits::default()).map(|_| ())
+}
+
+/// Runs `work`, which reads many variants of a section's bytes, and fails if any of them took much memory.
+///
+/// The metadata reader takes room for at most 1 MiB of elements of a list before it has seen them, and a record's longest
+/// chain of nested lists is three; a value read takes no more than some ten times its bytes.
+#[track_caller]
+fn within_bounds(sample: &Sample, work: impl FnOnce(Aligned)) {
+    let bytes = sample.bytes.clone();
+    MEMORY.reset_peak_usage();
+    let before = MEMORY.current_usage();
+    work(bytes);
+    let taken = MEMORY.peak_usage().saturating_sub(before);
+    let bound = (4 << 20) + 32 * sample.bytes.1;
+    assert!(taken <= bound, "{}: {taken} bytes taken, {bound} allowed", sample.tag);
+}
+
+#[test]
+fn the_golden_assets_hold_every_kind_of_section_and_all_are_sound() {
+    let _turn = alone();
+    let samples = samples();
+    for sample in &samples {
+        assert!(is_known(sample.tag));
+        read(sample.tag, sample.bytes.bytes()).unwrap();
+    }
+    for tag in kinds() {
+        assert!(samples.iter().any(|sample| sample.tag == tag), "no golden asset holds {tag}");
+    }
+}
+
+#[test]
+fn a_section_cut_or_lengthened_at_any_byte_is_refused() {
+    let _turn = alone();
+    for sample in samples() {
+        within_bounds(&sample, |bytes| {
+            for cut in 0..bytes.1 {
+                assert!(read(sample.tag, &bytes.bytes()[..cut]).is_err(), "{} cut at {cut}", sample.tag);
+            }
+        });
+        for more in [1, 4, 8, 64] {
+            let longer = Aligned::new(&[sample.bytes.bytes(), &vec![0; more]].concat());
+            assert!(read(sample.tag, longer.bytes()).is_err(), "{} and {more} bytes", sample.tag);
+        }
+    }
+}
+
+#[test]
+fn any_flipped_bit_of_a_head_is_an_error_or_a_value_and_takes_no_memory() {
+    let _turn = alone();
+    for sample in samples() {
+        let (tag, head) = (sample.tag, sample.head);
+        within_bounds(&sample, |mut spoilt| {
+            for at in 0..head {
+                for bit in 0..8 {
+                    spoilt.bytes_mut()[at] ^= 1u8 << bit;
+                    let _ = read(tag, spoilt.bytes());
+                    spoilt.bytes_mut()[at] ^= 1u8 << bit;
+                }
+            }
+        });
+        // Bulk rows carry checksums of their own.
+        if tag == ResponseSection::TAG {
+            let mut spoilt = sample.bytes.clone();
+            for at in (head..spoilt.1).step_by(13) {
+                spoilt.bytes_mut()[at] ^= 1u8 << (at % 8);
+                assert!(read(tag, spoilt.bytes()).is_err(), "byte {at}");
+                spoilt.bytes_mut()[at] ^= 1u8 << (at % 8);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_huge_count_anywhere_in_a_head_takes_no_memory() {
+    let _turn = alone();
+    const COUNTS: [u64; 6] = [u64::MAX, 1 << 63, 1 << 40, 1 << 32, u32::MAX as u64, 1 << 24];
+    for sample in samples() {
+        let (tag, head) = (sample.tag, sample.head);
+        within_bounds(&sample, |mut spoilt| {
+            for at in 0..head.saturating_sub(8) {
+                let mut before = [0; 8];
+                before.copy_from_slice(&spoilt.bytes()[at..at + 8]);
+                for count in COUNTS {
+                    spoilt.bytes_mut()[at..at + 8].copy_from_slice(&count.to_le_bytes());
+                    let _ = read(tag, spoilt.bytes());
+                }
+                spoilt.bytes_mut()[at..at + 8].copy_from_slice(&before);
+            }
+        });
+    }
+}
+
+#[test]
+fn every_limit_is_kept() {
+    let _turn = alone();
+    let refused = |tag: &[u8; 4], limits: Limits| {
+        let samples = samples();
+        let sample = samples.iter().find(|sample| sample.tag == Tag(*tag)).unwrap();
+        let error = check(sample.tag, sample.bytes.bytes(), 1, &limits).unwrap_err();
+        assert!(error.is_damage() && error.to_string().contains(&sample.tag.to_string()), "{error}");
+    };
+    for tag in kinds() {
+        refused(&tag.0, Limits { head_bytes: 16, ..Limits::default() });
+    }
+    refused(b"CLDG", Limits { cells: 287, ..Limits::default() });
+    refused(b"CLRT", Limits { cells: 287, ..Limits::default() });
+    refused(b"CLRT", Limits { sources: 7, ..Limits::default() });
+    refused(b"BOLT", Limits { items: 1, ..Limits::default() });
+}
+
+#[test]
+fn a_newer_version_of_any_section_is_refused_by_name() {
+    let _turn = alone();
+    for sample in samples() {
+        for version in [0, 2, u16::MAX] {
+            let error = check(sample.tag, sample.bytes.bytes(), version, &Limits::default()).unwrap_err();
+            let words = format!("section {}: version {version}", sample.tag);
+            assert!(error.to_string().contains(&words), "{error}");
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn noise_is_no_section(bytes in proptest::collection::vec(any::<u8>(), 0..400), kind in 0..KNOWN.len()) {
+        let _turn = alone();
+        prop_assert!(read(KNOWN[kind], Aligned::new(&bytes).bytes()).is_err());
+    }
+
+    #[test]
+    fn bytes_copied_within_a_section_never_panic(
+        kind: prop::sample::Index, from: prop::sample::Index, to: prop::sample::Index, length in 1usize..64,
+    ) {
+        let _turn = alone();
+        let samples = samples();
+        let sample = kind.get(&samples);
+        let mut bytes = sample.bytes.clone();
+        let end = sample.bytes.1.saturating_sub(length);
+        let (from, to) = (from.index(end + 1), to.index(end + 1));
+        let length = length.min(sample.bytes.1);
+        bytes.bytes_mut().copy_within(from..from + length, to);
+        let _ = read(sample.tag, bytes.bytes());
+    }
+}
+
+/// Bytes of the first golden section of kind `tag`.
+fn sample(tag: Tag) -> Aligned {
+    samples().into_iter().find(|sample| sample.tag == tag).unwrap().bytes
+}
+
+#[track_caller]
+fn names(field: &str, result: Result<(), ReadError>) {
+    match result {
+        Err(ReadError::Invalid { field: found, .. } | ReadError::OverLimit { field: found, .. }) => {
+            assert_eq!(found, field);
+        }
+        other => panic!("{field}: {other:?}"),
+    }
+}
+
+#[test]
+fn metadata_with_a_byte_left_over_is_refused() {
+    let _turn = alone();
+    for tag in [CloudSection::TAG, ResponseSection::TAG] {
+        let bytes = sample(tag);
+        let length = u64::from_le_bytes(bytes.bytes()[..8].try_into().unwrap());
+        // The zero behind the metadata is counted in.
+        let mut longer = bytes.clone();
+        longer.bytes_mut()[..8].copy_from_slice(&(length + 1).to_le_bytes());
+        assert!((length + 8) % 64 != 0, "there is a zero behind it");
+        names("metadata", read(tag, longer.bytes()));
+        // What pads the metadata is zero.
+        let mut dirty = bytes.clone();
+        dirty.bytes_mut()[length as usize + 8] = 1;
+        names("padding behind the metadata", read(tag, dirty.bytes()));
+    }
+}
+
+#[test]
+fn each_damaged_field_of_a_cloud_grid_is_named() {
+    let _turn = alone();
+    type Spoil = fn(&mut CloudHead, &mut Vec<f32>);
+    let damage: [(&str, Spoil); 11] = [
+        ("shape", |head, _| head.shape.nx = 0),
+        ("shape", |head, _| head.shape = GridShape::new(1 << 16, 1 << 16, 1)),
+        ("cells", |head, _| head.shape = GridShape::new(1 << 15, 1 << 15, 1)),
+        ("extinction", |head, _| head.shape.nz += 1),
+        ("cell_m", |head, _| head.cell_m[1] = 0.0),
+        ("cell_m", |head, _| head.cell_m[2] = f64::INFINITY),
+        ("origin_m", |head, _| head.origin_m[0] = f64::NAN),
+        ("albedo", |head, _| head.albedo = 1.0 + 1e-9),
+        ("g", |head, _| head.g = -1.0),
+        ("extinction", |_, values| values[7] = -1e-9),
+        ("extinction", |_, values| values[7] = f32::INFINITY),
+    ];
+    let bytes = sample(CloudSection::TAG);
+    let good = CloudSection::read(bytes.bytes(), 1, &Limits::default()).unwrap();
+    for (field, spoil) in damage {
+        let (mut head, mut values) = (good.head.clone(), good.extinction.to_vec());
+        spoil(&mut head, &mut values);
+        let bytes = Aligned::new(&CloudSection { head, extinction: &values }.write().to_bytes());
+        names(field, read(CloudSection::TAG, bytes.bytes()));
+    }
+}
+
+#[test]
+fn each_damaged_field_of_a_stroke_is_named() {
+    let _turn = alone();
+    let damage: [(&str, fn(&mut StrokeRecord)); 13] = [
+        ("from_m, to_m", |s| s.from_m[2] = f64::NAN),
+        ("from_m to to_m", |s| s.to_m = s.from_m),
+        ("segment_m", |s| s.segment_m = 0.0),
+        ("segment_m", |s| s.segment_m = 1e9),
+        ("turn_rad", |s| s.turn_rad = 1.3),
+        ("wander", |s| s.wander = -0.1),
+        ("branching", |s| s.branching = 1.1),
+        ("branch_rad", |s| s.branch_rad = f64::INFINITY),
+        ("branch_length", |s| s.branch_length = 2.0),
+        ("max_order", |s| s.max_order = 9),
+        ("branch_intensity", |s| s.branch_intensity = f64::NAN),
+        ("intensity_w_per_sr", |s| s.intensity_w_per_sr = -1.0),
+        ("color", |s| s.color[1] = f32::NAN),
+    ];
+    let good = BoltSection::read(sample(BoltSection::TAG).bytes(), 1, &Limits::default()).unwrap();
+    for (field, spoil) in damage {
+        let mut section = good.clone();
+        spoil(&mut section.strokes[1]);
+        names(field, read(BoltSection::TAG, &section.write().to_bytes()));
+    }
+}
+
+fn x_axis(head: &mut ResponseHead) -> &mut Vec<f64> {
+    let SourceBasis::LampGrid { x_m, .. } = &mut head.sources;
+    x_m
+}
+
+fn node_rows(head: &mut ResponseHead) -> &mut Vec<u32> {
+    let SourceBasis::LampGrid { rows, .. } = &mut head.sources;
+    rows
+}
+
+#[test]
+fn each_damaged_field_of_a_response_is_named() {
+    let _turn = alone();
+    type Spoil = fn(&mut ResponseHead, &mut ResponseRows);
+    let damage: [(&str, Spoil); 18] = [
+        ("shape", |head, _| head.shape.ny = 0),
+        ("shape", |head, _| head.shape = GridShape::new(u32::MAX, 1, 1)),
+        ("channels", |head, _| head.channels = ChannelBasis::Harmonics { degree: 4 }),
+        ("refine", |head, _| head.solver.refine[1] = 0),
+        ("lamp grid axis", |head, _| x_axis(head)[1] = f64::NAN),
+        ("lamp grid axis", |head, _| x_axis(head).swap(0, 1)),
+        ("lamp grid axis", |head, _| x_axis(head).clear()),
+        ("lamp grid rows", |head, _| x_axis(head).truncate(1)),
+        ("rows of sources", |head, _| node_rows(head)[0] = 1),
+        ("rows of sources", |head, _| node_rows(head)[0] = 1 << 20),
+        ("rows of sources", |head, _| head.distant[0].row = head.distant[1].row),
+        ("beam direction", |head, _| {
+            head.distant[2].kind = DistantKind::Beam { direction: [0.0, 0.0, -1.1] };
+        }),
+        ("beam direction", |head, _| {
+            head.distant[2].kind = DistantKind::Beam { direction: [f64::NAN, 0.0, 0.0] };
+        }),
+        ("error bounds", |_, rows| rows.bounds[3].discarded = -1.0),
+        ("error bounds", |_, rows| rows.bounds[3].quantised = f32::NAN),
+        ("channel mean and step", |_, rows| rows.rows[2][..4].copy_from_slice(&f32::NAN.to_le_bytes())),
+        ("channel mean and step", |_, rows| rows.rows[2][4..8].copy_from_slice(&f32::MAX.to_le_bytes())),
+        ("row", |_, rows| rows.rows[2].push(0)),
+    ];
+    let bytes = samples().into_iter().rfind(|sample| sample.tag == ResponseSection::TAG).map(|s| s.bytes);
+    let other = sample(ResponseSection::TAG);
+    // Of the two goldens, the one with distant light.
+    for bytes in [bytes.unwrap(), other] {
+        let good = ResponseSection::read(bytes.bytes(), 1, &Limits::default()).unwrap();
+        if good.head.distant.is_empty() {
+            continue;
+        }
+        let rows = (0..good.row_count()).map(|row| good.row(row).unwrap().to_vec()).collect::<Vec<_>>();
+        for (field, spoil) in damage {
+            let mut head = good.head.clone();
+            let mut rows = ResponseRows { rows: rows.clone(), bounds: good.bounds.to_vec() };
+            spoil(&mut head, &mut rows);
+            names(field, read(ResponseSection::TAG, Aligned::new(&write(&head, rows).to_bytes()).bytes()));
+        }
+        return;
+    }
+    panic!("no golden asset has distant light");
+}

@@ -1,0 +1,325 @@
+//! What compression does to light: bounds that hold, energy that adds up, and bytes that repeat.
+
+use crate::assert_close;
+use glam::DVec3;
+use proptest::prelude::*;
+use squall_bake::compress::compress_row;
+use squall_bake::progress::Quiet;
+use squall_bake::recipe::Recipe;
+use squall_bake::response::{BakedResponse, LampGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::storm;
+use squall_formats::GridShape;
+use squall_formats::container::write;
+use squall_formats::haar::Haar;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::cloud::{CloudHead, CloudSection};
+use squall_formats::section::response::{self, ChannelBasis, Codec, DirectTerm, DistantKind, accumulate};
+use squall_runtime::Asset;
+use squall_runtime::random::Random;
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::stroke::Stroke;
+use squall_runtime::transport::lanes::SimdLevel;
+use squall_runtime::transport::quadrature::Quadrature;
+use squall_runtime::transport::solve::SolveSettings;
+use squall_runtime::transport::{Boundary, Cloud};
+
+/// Single precision: sums of some hundred coefficients and an inverse transform of 9 levels, relative to the light's norm.
+const ROUND_OFF: f64 = 2e-6;
+
+/// A small ragged cloud whose sides are no powers of two.
+fn cloud() -> Cloud {
+    let shape = GridShape::new(9, 7, 5);
+    let mut random = Random::new(5);
+    let extinction = (0..shape.len())
+        .map(|_| if random.unit() < 0.2 { 0.0 } else { (0.01 * libm::exp(random.normal())) as f32 })
+        .collect();
+    let (cell_m, origin_m) = ([50.0, 40.0, 30.0], DVec3::new(-200.0, -100.0, 500.0));
+    Cloud { shape, cell_m, origin_m, extinction, albedo: 0.999, g: 0.85, boundary: Boundary::Open }
+}
+
+const LOW: DVec3 = DVec3::new(-200.0, -100.0, 400.0);
+const HIGH: DVec3 = DVec3::new(250.0, 180.0, 650.0);
+
+fn sources() -> Sources {
+    let lamps = LampGrid {
+        x_m: vec![LOW.x, 0.0, HIGH.x],
+        y_m: vec![LOW.y, 30.0, HIGH.y],
+        z_m: vec![LOW.z, 520.0, HIGH.z],
+        wanted: Vec::new(),
+    };
+    Sources { lamps, distant: vec![DistantKind::UpperSky] }
+}
+
+/// Strokes of one to twenty lamps anywhere in the reach, some of them beyond all measure brighter than others.
+fn strokes() -> Vec<Vec<LampPoint>> {
+    let mut random = Random::new(17);
+    let stroke = |number: usize| {
+        let lamp = |_| {
+            let place = |axis: usize, random: &mut Random| random.range(LOW[axis], HIGH[axis]);
+            let position = DVec3::new(place(0, &mut random), place(1, &mut random), place(2, &mut random));
+            LampPoint { position, intensity: libm::exp(3.0 * random.normal()) }
+        };
+        (0..1 + 3 * number).map(lamp).collect()
+    };
+    (0..7).map(stroke).collect()
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    codec: Codec,
+    channels: ChannelBasis,
+    direct: DirectTerm,
+    error: f64,
+}
+
+const HARMONICS: ChannelBasis = ChannelBasis::Harmonics { degree: 1 };
+
+fn settings(case: Case) -> ResponseSettings {
+    let quadrature = Quadrature::DoubleGauss { polar: 2, azimuths: 8 };
+    ResponseSettings {
+        channels: case.channels,
+        direct: case.direct,
+        codec: case.codec,
+        relative_error: case.error,
+        refine: 1,
+        samples: 1,
+        solve: SolveSettings { quadrature, tolerance: 1e-2, ..SolveSettings::default() },
+    }
+}
+
+/// An asset with the cloud and its response, and the strokes' light before compression.
+struct Baked {
+    asset: Asset,
+    response: BakedResponse,
+}
+
+fn bake(case: Case) -> Baked {
+    let (cloud, strokes) = (cloud(), strokes());
+    let mut response = bake_response(&cloud, &sources(), &settings(case), &strokes, &Quiet).unwrap();
+    let head = CloudHead {
+        shape: cloud.shape,
+        cell_m: cloud.cell_m,
+        origin_m: cloud.origin_m.to_array(),
+        albedo: cloud.albedo,
+        g: cloud.g,
+        periodic_xy: false,
+    };
+    let grid = CloudSection { head, extinction: &cloud.extinction }.write();
+    let rows = response::write(&response.head, std::mem::take(&mut response.rows));
+    let mut bytes = Vec::new();
+    write(&mut bytes, &[grid, rows]).unwrap();
+    Baked { asset: Asset::from_bytes(&bytes).unwrap(), response }
+}
+
+fn norm(values: impl Iterator<Item = f64>) -> f64 {
+    libm::sqrt(values.map(|v| v * v).sum::<f64>())
+}
+
+fn cases() -> [Case; 4] {
+    let case = |codec, channels, direct, error| Case { codec, channels, direct, error };
+    [
+        case(Codec::Bytes, HARMONICS, DirectTerm::AtRunTime, 0.02),
+        case(Codec::Bytes, ChannelBasis::Directions26, DirectTerm::InRows, 0.3),
+        case(Codec::Paper, ChannelBasis::Directions26, DirectTerm::AtRunTime, 0.02),
+        case(Codec::Paper, HARMONICS, DirectTerm::InRows, 0.3),
+    ]
+}
+
+#[test]
+fn light_of_any_stroke_is_off_by_no_more_than_the_stored_bounds() {
+    for case in cases() {
+        let Baked { asset, response } = bake(case);
+        let relighter = Relighter::new(&asset).unwrap();
+        let mut buffers = RelightBuffers::default();
+        // How much of its bound the worst channel uses up: bounds that no stroke comes near would say nothing.
+        let mut used = 0.0f64;
+        for test in &response.tests {
+            relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            let bounds = relighter.error_bounds(&buffers);
+            let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            assert_eq!(bounds.len(), relit.basis.count());
+            let planes =
+                relit.planes.chunks_exact(relit.cells).zip(test.uncompressed.chunks_exact(relit.cells));
+            for ((shown, wanted), bound) in planes.zip(bounds) {
+                let error = norm(shown.iter().zip(wanted).map(|(a, b)| f64::from(a - b)));
+                let slack = ROUND_OFF * norm(wanted.iter().map(|&v| f64::from(v)));
+                assert!(error <= bound + slack, "{case:?}: {error} above {bound}");
+                used = used.max(error / bound);
+            }
+        }
+        assert!((0.1..1.0 + 1e-3).contains(&used), "{case:?}: {used} of the bound");
+    }
+}
+
+#[test]
+fn without_a_threshold_nothing_is_lost() {
+    for (codec, channels) in [(Codec::Paper, HARMONICS), (Codec::Bytes, ChannelBasis::Directions26)] {
+        let case = Case { codec, channels, direct: DirectTerm::InRows, error: 0.0 };
+        let Baked { asset, response } = bake(case);
+        let relighter = Relighter::new(&asset).unwrap();
+        assert!(relighter.response().bounds.iter().all(|bound| bound.total() == 0.0), "{codec:?}");
+        let mut buffers = RelightBuffers::default();
+        for test in &response.tests {
+            let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            let error = norm(relit.planes.iter().zip(&test.uncompressed).map(|(a, b)| f64::from(a - b)));
+            assert!(error <= ROUND_OFF * norm(test.uncompressed.iter().map(|&v| f64::from(v))), "{codec:?}");
+        }
+    }
+}
+
+#[test]
+fn with_all_light_as_the_budget_every_channel_is_left_at_its_mean() {
+    for codec in [Codec::Paper, Codec::Bytes] {
+        let case = Case { codec, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 1.0 };
+        let Baked { asset, response } = bake(case);
+        assert_eq!(response.kept, 0);
+        let relighter = Relighter::new(&asset).unwrap();
+        let mut buffers = RelightBuffers::default();
+        for test in &response.tests {
+            let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            let cells = relit.cells;
+            for (shown, wanted) in relit.planes.chunks_exact(cells).zip(test.uncompressed.chunks_exact(cells))
+            {
+                let mean = wanted.iter().map(|&v| f64::from(v)).sum::<f64>() / cells as f64;
+                let size = norm(wanted.iter().map(|&v| f64::from(v))) / libm::sqrt(cells as f64);
+                // A mean is a sum with cancellation; its error goes with the light's size, not its own.
+                assert!(shown.iter().all(|&v| (f64::from(v) - mean).abs() <= 10.0 * ROUND_OFF * size));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_papers_ambient_adds_the_bounds_of_what_was_left_out() {
+    let case = Case { codec: Codec::Paper, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.3 };
+    let Baked { asset, response } = bake(case);
+    let relighter = Relighter::new(&asset).unwrap();
+    let mut buffers = RelightBuffers::default();
+    for test in &response.tests {
+        let plain = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+        let (plain, cells) = (plain.planes.to_vec(), plain.cells);
+        let weights = relighter.weigh(&test.lamps, &mut buffers).unwrap().to_vec();
+        let options = RelightOptions { paper_ambient: true };
+        let ambient = relighter.relight(&test.lamps, options, &mut buffers).unwrap();
+        for channel in 0..ambient.basis.count() {
+            let gamma = |row: u32| f64::from(relighter.response().bounds_of(row as usize)[channel].discarded);
+            let wanted: f64 = weights.iter().map(|w| f64::from(w.intensity) * gamma(w.row)).sum();
+            assert!(wanted > 0.0);
+            for cell in channel * cells..(channel + 1) * cells {
+                let added = f64::from(ambient.planes[cell]) - f64::from(plain[cell]);
+                // The sum rounds in its last place.
+                let last_place = 1e-6 * f64::from(plain[cell].abs());
+                assert!((added - wanted).abs() <= 1e-5 * wanted + last_place, "{added} {wanted}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_strokes_weights_sum_to_its_energy() {
+    let case = Case { codec: Codec::Bytes, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.9 };
+    let Baked { asset, .. } = bake(case);
+    let relighter = Relighter::new(&asset).unwrap();
+    let mut buffers = RelightBuffers::default();
+    for (seed, spacing) in [(1, 5.0), (2, 60.0), (3, 1e6)] {
+        let record = StrokeRecord {
+            name: "test".into(),
+            seed,
+            from_m: [-60.0, -30.0, 560.0],
+            to_m: [80.0, 60.0, 470.0],
+            segment_m: 6.0,
+            turn_rad: 0.28,
+            wander: 0.15,
+            branching: 0.15,
+            branch_rad: 0.6,
+            branch_length: 0.4,
+            max_order: 2,
+            branch_intensity: 0.4,
+            intensity_w_per_sr: 3e7,
+            color: [1.0; 3],
+        };
+        let stroke = Stroke::grow(&record);
+        // Some hundred additions in double precision, then one rounding a row to single.
+        assert_close(stroke.intensity(), 3e7, 1e-12, "segments");
+        let lamps = stroke.lamps(spacing);
+        assert_close(lamps.iter().map(|lamp| lamp.intensity).sum(), 3e7, 1e-12, "points of light");
+        let weights = relighter.weigh(&lamps, &mut buffers).unwrap();
+        let sum: f64 = weights.iter().map(|weight| f64::from(weight.intensity)).sum();
+        assert_close(sum, 3e7, 1e-7, "virtual sources");
+        assert!(weights.iter().all(|weight| weight.intensity >= 0.0));
+        assert!(weights.windows(2).all(|pair| pair[0].row < pair[1].row), "each row once");
+    }
+}
+
+#[test]
+fn lamps_on_nodes_between_them_and_outside_split_as_they_should() {
+    let case = Case { codec: Codec::Bytes, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.9 };
+    let Baked { asset, .. } = bake(case);
+    let relighter = Relighter::new(&asset).unwrap();
+    let mut buffers = RelightBuffers::default();
+    let mut weigh = |position: DVec3, intensity: f64| -> Option<Vec<f32>> {
+        let lamp = LampPoint { position, intensity };
+        let weights = relighter.weigh(std::slice::from_ref(&lamp), &mut buffers).ok()?;
+        Some(weights.iter().map(|weight| weight.intensity).collect())
+    };
+    // A node is its own source; halfway along an axis two share alike; in the middle of a box eight do.
+    assert_eq!(weigh(DVec3::new(0.0, 30.0, 520.0), 2.0), Some(vec![2.0]));
+    assert_eq!(weigh(HIGH, 2.0), Some(vec![2.0]));
+    assert_eq!(weigh(DVec3::new(-100.0, 30.0, 520.0), 2.0), Some(vec![1.0, 1.0]));
+    assert_eq!(weigh(DVec3::new(-100.0, -35.0, 460.0), 8.0), Some(vec![1.0; 8]));
+    for outside in [LOW - 1e-6, HIGH + 1e-6, DVec3::splat(f64::NAN)] {
+        assert_eq!(weigh(outside, 1.0), None, "{outside}");
+    }
+    assert_eq!(weigh(HIGH, f64::INFINITY), None);
+}
+
+proptest! {
+    /// Through the transform, a channel's stored bound γ is the L2 norm of what leaving coefficients out does to its cells.
+    #[test]
+    fn discarded_energy_is_the_squared_error_in_the_cells_of_each_channel(
+        seed: u64, error in 0.01..0.9f64, size in (1u32..12, 1u32..12, 1u32..6),
+    ) {
+        let shape = GridShape::new(size.0, size.1, size.2);
+        let (haar, mut scratch) = (Haar::new(shape), Vec::new());
+        let mut random = Random::new(seed);
+        let values: Vec<f32> = (0..2 * shape.len()).map(|_| libm::exp(random.normal()) as f32).collect();
+        let mut planes = values.clone();
+        for plane in planes.chunks_exact_mut(shape.len()) {
+            haar.forward(plane, &mut scratch);
+        }
+        let row = compress_row(&planes, 2, Codec::Paper, error);
+        let channels = response::channels(&row.bytes, 2).unwrap();
+        for ((channel, wanted), bound) in channels.iter().zip(values.chunks_exact(shape.len())).zip(&row.bounds) {
+            let mut cells = vec![0.0; shape.len()];
+            accumulate(channel, Codec::Paper, 1.0, &mut cells).unwrap();
+            haar.inverse(&mut cells, &mut scratch);
+            let squared: f64 = cells.iter().zip(wanted).map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum();
+            let gamma = f64::from(bound.discarded) * f64::from(bound.discarded);
+            let total: f64 = wanted.iter().map(|&v| f64::from(v) * f64::from(v)).sum();
+            prop_assert!((squared - gamma).abs() <= 4.0 * ROUND_OFF * total, "{} {}", squared, gamma);
+            prop_assert_eq!(bound.quantised, 0.0);
+        }
+    }
+}
+
+/// The golden recipe's bytes as baked by a pool of `threads`.
+fn golden_bytes(threads: usize, level: SimdLevel) -> Vec<u8> {
+    let path = crate::root().join("data/golden/v1/golden.toml");
+    let mut recipe = Recipe::read(&path).unwrap();
+    let clouds = recipe.clouds.as_mut().unwrap();
+    clouds.response.solve.level = level;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let baked = pool.install(|| storm::bake(&recipe, &Quiet)).unwrap();
+    let mut bytes = Vec::new();
+    write(&mut bytes, &baked.sections).unwrap();
+    bytes
+}
+
+#[test]
+fn one_two_and_eight_threads_and_every_simd_level_bake_the_same_bytes() {
+    let wanted = golden_bytes(1, SimdLevel::Baseline);
+    for threads in [2, 8] {
+        assert!(golden_bytes(threads, SimdLevel::Best) == wanted, "{threads} threads");
+    }
+    assert!(golden_bytes(1, SimdLevel::Avx2) == wanted, "AVX2");
+}
