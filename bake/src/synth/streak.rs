@@ -39,7 +39,7 @@ const INNER: f64 = 0.8;
 const FINER: usize = 2;
 /// Way of the drop between two moments, px.
 const STEP: f64 = 0.5;
-/// Diameters of the drops, mm: where drops oscillate most, in step with the eddies of their wake.
+/// Diameters of the drops, mm: where drops oscillate most, in step with the eddies of their wake \[beard-kubesh\].
 const SMALLEST: f64 = 0.9;
 const LARGEST: f64 = 2.4;
 /// Most pictures of one run.
@@ -126,7 +126,7 @@ fn light(random: &mut Random, most: f64) -> LightPlace {
     LightPlace { azimuth, elevation, radius, strength }
 }
 
-/// The oscillations that falling drops show \[garg-nayar\], \[tokay-beard\]: degree 2 about the fall and degree 3
+/// The oscillations that falling drops show \[garg-nayar\], \[beard-kubesh\]: degree 2 about the fall and degree 3
 /// leaning are strong, the others weaker. An amplitude A of (2, 0) swings the axis ratio by ± 1.5 A.
 fn modes(random: &mut Random) -> Vec<Mode> {
     [(2, 0, 0.15), (2, 1, 0.08), (2, 2, 0.08), (3, 0, 0.05), (3, 1, 0.12), (3, 2, 0.06)]
