@@ -40,6 +40,8 @@ mod codec;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
+mod layering;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;
