@@ -18,7 +18,7 @@ use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::SimdLevel;
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{SolveBuffers, SolveSettings, Solver};
+use squall_runtime::transport::solve::{Solvable, SolveBuffers, SolveSettings, Solver};
 use squall_runtime::transport::sweep::Leak;
 
 /// How finely to solve.
@@ -117,7 +117,10 @@ fn solve_with_degree<const M: usize>(
     light: Light,
     directions: &[DVec3],
     settings: &TruthSettings,
-) -> Result<Truth, BakeError> {
+) -> Result<Truth, BakeError>
+where
+    f32: Solvable<M>,
+{
     let factors = [settings.refine; 3];
     let fine = cloud.refined(factors)?;
     if fine.shape.len() > MAX_SOLVE_CELLS {

@@ -24,7 +24,9 @@ use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{BatchReport, GATHERED, SolveBuffers, SolveSettings, Solver};
+use squall_runtime::transport::solve::{
+    BatchReport, GATHERED, Solvable, SolveBuffers, SolveSettings, Solver,
+};
 
 /// Lamps solved side by side.
 pub const BATCH: usize = 16;
@@ -193,6 +195,7 @@ pub fn bake_response(
             refine: factors,
             directions: directions_record(settings.solve.quadrature),
             scheme: settings.solve.scheme,
+            extinction_scale: solver.scaled().extinction_scale,
             tolerance: settings.solve.tolerance,
             worst_residual: 0.0,
             most_sweeps: 0,
@@ -321,7 +324,7 @@ impl Context<'_> {
     }
 
     /// Traces lights, one list a lane, and solves for what they scatter.
-    fn solve_lanes<P: Lanes>(
+    fn solve_lanes<P: Solvable<4>>(
         &self,
         lanes: &[Vec<Light>],
         towards: bool,

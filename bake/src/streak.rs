@@ -55,8 +55,11 @@ pub struct Source<'a> {
     pub notes: Option<DropNotes>,
 }
 
-/// Light below this share of the peak is background when the streak's extent is looked for.
+/// Light below this share of the peak is background when a window's start is looked for, and at most when the
+/// body is.
 const DARK: f32 = 0.05;
+/// A body is what has this share of a streak's usual light.
+const BODY_SHARE: f32 = 0.1;
 /// The same for the fit's own region, which may not cut a glow.
 const BLACK: f32 = 0.002;
 /// Most samples that a fit ends on, and that it searches on; larger regions are averaged down first.
@@ -73,7 +76,8 @@ pub fn fit_all(sources: &[Source], settings: FitSettings) -> Result<Vec<StreakPa
 
 /// Fits one picture.
 ///
-/// Errors: more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side.
+/// Errors: more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side, one without
+/// light or with light that is negative or not finite.
 pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, BakeError> {
     let picture = source.picture;
     if settings.cosines > MAX_TERMS {
@@ -89,12 +93,18 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
             found,
         ));
     }
+    let whole = !picture.pixels.is_empty() && picture.pixels.len() == picture.width * picture.height;
+    let light = |light: &f32| light.is_finite() && *light >= 0.0;
+    if !(whole && picture.pixels.iter().all(light) && picture.pixels.iter().any(|&light| light > 0.0)) {
+        let wanted = "finite light, some of it above 0";
+        return Err(BakeError::input(source.file, "picture", wanted, "none, or other numbers"));
+    }
     let mut name =
         source.file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     while name.len() > MAX_NAME {
         name.pop();
     }
-    let ends = support(picture, DARK);
+    let ends = support(picture, body_floor(picture));
     let mut streak = StreakPattern {
         name,
         method: settings.method,
@@ -167,6 +177,24 @@ fn support(picture: &Grey, floor: f32) -> [[f64; 2]; 2] {
     }
     let share = |axis: usize, side: usize| [low[axis] as f64 / side as f64, high[axis] as f64 / side as f64];
     [share(0, width), share(1, height)]
+}
+
+/// Light below which a pixel does not belong to the drop's path: a tenth of what half of the lit pixels have,
+/// because a highlight may outshine the drop by far; but twice what the border has, because a picture may
+/// not be quite black around the streak; and [`DARK`] at most.
+fn body_floor(picture: &Grey) -> f32 {
+    let median = |mut lights: Vec<f32>| {
+        let middle = lights.len() / 2;
+        if lights.is_empty() { 0.0 } else { *lights.select_nth_unstable_by(middle, f32::total_cmp).1 }
+    };
+    let (width, height) = (picture.width, picture.height);
+    let at_border = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        x == 0 || y == 0 || x + 1 == width || y + 1 == height
+    };
+    let lit = picture.pixels.iter().copied().filter(|&light| light > BLACK).collect();
+    let border = (0..width * height).filter(|&i| at_border(i)).map(|i| picture.pixels[i]).collect();
+    (BODY_SHARE * median(lit)).max(2.0 * median(border)).clamp(BLACK, DARK)
 }
 
 /// The part of the picture that a fit must see, averaged down if it is large.
@@ -257,3 +285,6 @@ fn round_in_stages(mut model: Model, samples: &Samples) -> CosinePattern {
     }
     rounded(&model)
 }
+
+#[cfg(test)]
+mod tests;

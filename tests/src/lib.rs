@@ -38,6 +38,8 @@ pub fn assert_close(found: f64, wanted: f64, relative: f64, what: &str) {
 #[cfg(test)]
 mod codec;
 #[cfg(test)]
+mod frame;
+#[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
 mod layering;

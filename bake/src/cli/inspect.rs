@@ -11,6 +11,7 @@ use squall_formats::section::response::{
 };
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
+use squall_formats::section::view::ViewSection;
 use squall_runtime::{Asset, RuntimeError};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -184,11 +185,7 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
             )
         }
         StreakSection::TAG => {
-            let read = |bytes, version, limits: &_| {
-                squall_formats::section::check_version(entry.tag, version, StreakSection::VERSION)?;
-                StreakSection::read(bytes, limits)
-            };
-            let section = asset.section(entry.tag, "streak patterns", read)?;
+            let section = asset.section(entry.tag, "streak patterns", StreakSection::read)?;
             let terms: usize = section.patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
             format!("streaks: {} patterns, {terms} terms", section.patterns.len())
         }
@@ -197,6 +194,12 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
             let hills = if town.hills.is_some() { ", hills" } else { "" };
             let (blocks, roads) = (town.blocks.len(), town.ground.roads.len());
             format!("town: {blocks} blocks, {} lamps, {roads} roads{hills}", town.lamps.len())
+        }
+        ViewSection::TAG => {
+            let view = asset.section(entry.tag, "the view", ViewSection::read)?;
+            let [width, height] = view.camera.size_px;
+            let (rate, flashes) = (view.rain.rate_mm_per_h, view.flashes.len());
+            format!("view: {width} × {height}, {rate} mm/h, {flashes} strokes flash")
         }
         _ => "unknown to this build".into(),
     })

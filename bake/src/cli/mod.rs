@@ -2,8 +2,10 @@
 
 mod bake;
 mod inspect;
+mod picture;
 mod progress;
 mod query;
+mod render;
 mod solve;
 mod streaks;
 mod synth;
@@ -24,6 +26,7 @@ pub struct Cli {
 #[derive(clap::Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Render(render::Args),
     Solve(solve::Args),
     Query(query::Args),
     Inspect(inspect::Args),
@@ -40,6 +43,7 @@ enum Command {
 pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Bake(args) => bake::run(args),
+        Command::Render(args) => render::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
         Command::Inspect(args) => inspect::run(args),

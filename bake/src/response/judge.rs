@@ -115,6 +115,36 @@ pub fn compare(found: &[f32], wanted: &[f32]) -> RelitError {
     }
 }
 
+/// Stretches of given strokes, each moved by up to `shift` metres: unseen light where only the lamps around those strokes
+/// were baked. Points that are not `usable` are left out; a stretch keeps at least half of its own.
+pub fn shifted_strokes(
+    strokes: &[Vec<LampPoint>],
+    usable: impl Fn(DVec3) -> bool,
+    shift: f64,
+    count: usize,
+) -> Vec<Vec<LampPoint>> {
+    /// Tries for each stretch before it is given up.
+    const TRIES: u64 = 50;
+    let mut found = Vec::new();
+    for number in 0..if strokes.is_empty() { 0 } else { count } {
+        let whole = &strokes[number % strokes.len()];
+        for attempt in 0..TRIES {
+            let mut random = Random::from_parts(&[0x5417, number as u64, attempt]);
+            let length = ((whole.len() as f64 * random.range(0.3, 1.0)) as usize).max(1);
+            let start = (random.unit() * (whole.len() - length) as f64) as usize;
+            let by = random.direction() * (shift * random.unit());
+            let moved = |lamp: &LampPoint| LampPoint { position: lamp.position + by, ..*lamp };
+            let stretch = whole[start..start + length].iter().map(moved);
+            let stretch: Vec<LampPoint> = stretch.filter(|lamp| usable(lamp.position)).collect();
+            if 2 * stretch.len() >= length {
+                found.push(stretch);
+                break;
+            }
+        }
+    }
+    found
+}
+
 /// Strokes grown at random between points of the reach that lie in or under the cloud; half of them run to the reach's floor.
 /// Points are `spacing` metres apart. The same seed gives the same strokes.
 pub fn test_strokes(

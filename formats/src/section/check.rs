@@ -1,13 +1,13 @@
 //! Reads a section of any kind whole, for those who want to know that it is sound rather than what it says.
 
 use super::bolt::BoltSection;
-use super::check_version;
 use super::cloud::CloudSection;
 use super::density::DensitySection;
 use super::provenance::ProvenanceSection;
 use super::response::{ResponseSection, channels, check_stream};
 use super::streak::StreakSection;
 use super::town::TownSection;
+use super::view::ViewSection;
 use super::{Tag, is_known};
 use crate::error::{Limits, ReadError};
 
@@ -31,10 +31,8 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
         DensitySection::TAG => drop(DensitySection::read(bytes, version, limits)?),
         ProvenanceSection::TAG => drop(ProvenanceSection::read(bytes, version, limits)?),
         TownSection::TAG => drop(TownSection::read(bytes, version, limits)?),
-        StreakSection::TAG => {
-            check_version(tag, version, StreakSection::VERSION)?;
-            StreakSection::read(bytes, limits)?;
-        }
+        StreakSection::TAG => drop(StreakSection::read(bytes, version, limits)?),
+        ViewSection::TAG => drop(ViewSection::read(bytes, version, limits)?),
         CloudSection::TAG => {
             let cloud = CloudSection::read(bytes, version, limits)?;
             cloud.check_values()?;

@@ -16,7 +16,7 @@
 //! is an equation of its own and stops on its own, so that a light's bytes do not depend on its neighbours in the batch.
 
 use super::cloud::Cloud;
-use super::lanes::{Kernel, Lanes, SimdLevel, run};
+use super::lanes::{F32x16, Kernel, Lanes, SimdLevel, run};
 use super::quadrature::Quadrature;
 use super::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
 use crate::error::RuntimeError;
@@ -71,6 +71,36 @@ pub struct Solver<const M: usize> {
     flip: [f32; M],
     settings: SolveSettings,
 }
+
+/// Lanes that a solver with `M` source moments is compiled for: here, once, and not again in every crate that solves.
+pub trait Solvable<const M: usize>: Lanes {
+    /// [`Solver::solve`].
+    fn solve_batch(
+        solver: &Solver<M>,
+        direct: &[[Self; M]],
+        gathered: &mut Vec<[Self; GATHERED]>,
+        buffers: &mut SolveBuffers<Self, M>,
+        leak: Option<&mut Leak>,
+    ) -> BatchReport;
+}
+
+macro_rules! solvable {
+    ($($lanes:ty, $moments:literal;)*) => {$(
+        impl Solvable<$moments> for $lanes {
+            fn solve_batch(
+                solver: &Solver<$moments>,
+                direct: &[[Self; $moments]],
+                gathered: &mut Vec<[Self; GATHERED]>,
+                buffers: &mut SolveBuffers<Self, $moments>,
+                leak: Option<&mut Leak>,
+            ) -> BatchReport {
+                solver.solve_any(direct, gathered, buffers, leak)
+            }
+        }
+    )*};
+}
+
+solvable! { f32, 4; f32, 16; F32x16, 4; }
 
 /// How a lane's solve went.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,7 +185,17 @@ impl<const M: usize> Solver<M> {
     /// light that leaves the grid, W.
     ///
     /// Panics when `direct` is not one grid long.
-    pub fn solve<P: Lanes>(
+    pub fn solve<P: Solvable<M>>(
+        &self,
+        direct: &[[P; M]],
+        gathered: &mut Vec<[P; GATHERED]>,
+        buffers: &mut SolveBuffers<P, M>,
+        leak: Option<&mut Leak>,
+    ) -> BatchReport {
+        P::solve_batch(self, direct, gathered, buffers, leak)
+    }
+
+    fn solve_any<P: Lanes>(
         &self,
         direct: &[[P; M]],
         gathered: &mut Vec<[P; GATHERED]>,
