@@ -42,6 +42,8 @@ mod frame;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
+mod layering;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;

@@ -1,0 +1,18 @@
+//! The command from outside, one module a subject. One program for all, because each is linked with everything.
+
+mod disk;
+mod inspect;
+mod query;
+mod synth;
+
+/// Cargo looks for no tests by itself here (`autotests`), so a file that is not named above would never run.
+#[test]
+fn every_file_beside_this_one_is_named_in_it() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    for file in folder.read_dir().unwrap() {
+        let path = file.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        let line = format!("\nmod {name};\n");
+        assert!(name == "cli" || include_str!("cli.rs").contains(&line), "tests/cli.rs lacks `mod {name};`");
+    }
+}

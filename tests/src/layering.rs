@@ -1,0 +1,134 @@
+//! Dependencies run one way: formats ← runtime ← bake; and what the runtime drags along is little.
+
+use crate::root;
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// What the runtime needs at most, everything optional included.
+const RUNTIME_NEEDS: [&str; 8] =
+    ["bytemuck", "fearless_simd", "glam", "libm", "memmap2", "rayon", "squall-formats", "thiserror"];
+/// What the formats need.
+const FORMATS_NEEDS: [&str; 7] = ["bincode", "bytemuck", "crc32fast", "glam", "libm", "serde", "thiserror"];
+
+/// Licences that ask for no more than a notice.
+const LICENCES: [&str; 11] = [
+    "0BSD",
+    "Apache-2.0",
+    "Apache-2.0 WITH LLVM-exception",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "BSL-1.0",
+    "CC0-1.0",
+    "ISC",
+    "MIT",
+    "Unicode-3.0",
+    "Zlib",
+];
+
+fn cargo() -> Command {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()));
+    // What this test was built with must not leak into builds that it starts.
+    for (name, _) in std::env::vars_os() {
+        let name = name.to_string_lossy().into_owned();
+        if name.starts_with("CARGO_PROFILE") || name == "RUSTFLAGS" || name == "CARGO_ENCODED_RUSTFLAGS" {
+            cargo.env_remove(name);
+        }
+    }
+    cargo.current_dir(root());
+    cargo
+}
+
+fn rustc(arguments: &[&str]) -> String {
+    let rustc = std::env::var_os("RUSTC").unwrap_or("rustc".into());
+    let output = Command::new(rustc).args(arguments).current_dir(root()).output().unwrap();
+    String::from_utf8(output.stdout).unwrap().trim().to_owned()
+}
+
+fn metadata(arguments: &[&str]) -> Value {
+    let output = cargo()
+        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
+        .args(arguments)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Names of a crate's dependencies; of its tests' and benches' too, if asked.
+fn needs<'a>(workspace: &'a Value, name: &str, dev: bool) -> Vec<&'a str> {
+    let package = workspace["packages"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+    let all = package["dependencies"].as_array().unwrap().iter();
+    let mut names: Vec<&str> =
+        all.filter(|d| dev || d["kind"] != "dev").map(|d| d["name"].as_str().unwrap()).collect();
+    names.sort_unstable();
+    names
+}
+
+#[test]
+fn dependencies_run_from_bake_to_runtime_to_formats_and_never_back() {
+    let workspace = metadata(&["--no-deps"]);
+    let own = |name: &str| -> Vec<&str> {
+        let mut names = needs(&workspace, name, true);
+        names.retain(|need| need.starts_with("squall"));
+        names
+    };
+    assert_eq!(own("squall-formats"), [""; 0]);
+    assert_eq!(own("squall-runtime"), ["squall-formats"]);
+    assert_eq!(own("squall-bake"), ["squall-formats", "squall-runtime"]);
+    assert_eq!(own("squall-tests"), ["squall-bake", "squall-formats", "squall-runtime"]);
+    assert_eq!(workspace["packages"].as_array().unwrap().len(), 4);
+}
+
+#[test]
+fn what_the_runtime_needs_is_few_and_named_here() {
+    let workspace = metadata(&["--no-deps"]);
+    assert_eq!(needs(&workspace, "squall-runtime", false), RUNTIME_NEEDS);
+    assert_eq!(needs(&workspace, "squall-formats", false), FORMATS_NEEDS);
+}
+
+#[test]
+fn every_dependency_may_ship_under_our_licences() {
+    let host = rustc(&["-vV"]);
+    let host = host.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
+    let all = metadata(&["--filter-platform", host]);
+    let used: Vec<&str> =
+        all["resolve"]["nodes"].as_array().unwrap().iter().map(|node| node["id"].as_str().unwrap()).collect();
+    assert!(used.len() > 20);
+    for package in all["packages"].as_array().unwrap() {
+        if !used.contains(&package["id"].as_str().unwrap()) {
+            continue;
+        }
+        let licence = package["license"].as_str().unwrap_or("");
+        let allowed = |one: &str| LICENCES.contains(&one.trim().trim_matches(['(', ')']));
+        let choice = |choice: &str| choice.split(" AND ").all(allowed);
+        // "A/B" is the old way to write "A OR B".
+        let fine = licence.split(" OR ").flat_map(|part| part.split('/')).any(choice);
+        assert!(fine, "{} has licence {licence:?}", package["name"]);
+        if package["name"].as_str().unwrap().starts_with("squall") {
+            assert_eq!(licence, "MIT OR Apache-2.0");
+        }
+    }
+    for (file, words) in [("LICENSE-MIT", "MIT License"), ("LICENSE-APACHE", "Version 2.0, January 2004")] {
+        assert!(std::fs::read_to_string(root().join(file)).unwrap().contains(words), "{file}");
+    }
+}
+
+#[test]
+fn the_runtime_builds_for_wasm32_without_map_and_threads() {
+    let target = "wasm32-unknown-unknown";
+    let library = rustc(&["--print", "target-libdir", "--target", target]);
+    if library.is_empty() || !Path::new(&library).is_dir() {
+        assert!(std::env::var_os("SQUALL_REQUIRE_WASM").is_none(), "the target {target} is required");
+        println!("skipped: no wasm32 target");
+        return;
+    }
+    // A folder of its own, since whoever runs the tests may hold the lock of the usual one.
+    let output = cargo()
+        .args(["build", "--locked", "--offline", "--quiet", "-p", "squall-runtime", "--no-default-features"])
+        .args(["--target", target, "--target-dir"])
+        .arg(root().join("target/wasm32"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
