@@ -45,3 +45,5 @@ mod scenery;
 mod streaks;
 #[cfg(test)]
 mod transport;
+#[cfg(test)]
+mod truth;
