@@ -5,6 +5,7 @@
 
 mod file;
 mod place;
+mod view;
 
 use crate::density::DensitySpec;
 use crate::error::BakeError;
@@ -16,6 +17,7 @@ pub use file::parse_directions;
 pub use place::RecipeError;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::response::DistantKind;
+use squall_formats::section::view::ViewSection;
 use std::path::{Path, PathBuf};
 
 /// A recipe, read and checked.
@@ -31,6 +33,10 @@ pub struct Recipe {
     pub rain: Option<Rain>,
     /// Strokes.
     pub strokes: Vec<StrokeRecord>,
+    /// Town file, JSON.
+    pub town: Option<PathBuf>,
+    /// The picture that the recipe frames.
+    pub view: Option<ViewSection>,
 }
 
 /// What the recipe says of the cloud.
@@ -84,4 +90,12 @@ impl Recipe {
         let text = read_text(path)?;
         file::read(path, text)
     }
+}
+
+/// Reads a picture from a file of its own: `[view]` and the tables under it, as in a recipe. `strokes` are the names of the
+/// asset's strokes.
+///
+/// Errors: as for a recipe.
+pub fn read_view(path: &Path, strokes: &[String]) -> Result<ViewSection, BakeError> {
+    file::read_view(path, &read_text(path)?, strokes)
 }

@@ -193,6 +193,7 @@ pub fn bake_response(
             refine: factors,
             directions: directions_record(settings.solve.quadrature),
             scheme: settings.solve.scheme,
+            extinction_scale: solver.scaled().extinction_scale,
             tolerance: settings.solve.tolerance,
             worst_residual: 0.0,
             most_sweeps: 0,

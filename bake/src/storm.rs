@@ -4,6 +4,7 @@ use crate::density::bake_density;
 use crate::error::BakeError;
 use crate::input::picture::read_grey;
 use crate::input::scene::read_scene;
+use crate::input::town::read_town;
 use crate::progress::Progress;
 use crate::recipe::{Clouds, Rain, Recipe};
 use crate::response::judge::{Verdict, judge, test_strokes};
@@ -69,6 +70,18 @@ pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError
     let (mut sections, mut stages) = (Vec::new(), Vec::new());
     if let Some(rain) = &recipe.rain {
         bake_rain(recipe, rain, &mut provenance, &mut sections, &mut stages, progress)?;
+    }
+    if let Some(path) = &recipe.town {
+        let start = Stage(Instant::now());
+        let town = read_town(path)?;
+        record(recipe, path, &mut provenance)?;
+        let made = format!("{} blocks, {} lamps", town.blocks.len(), town.lamps.len());
+        let section = town.write();
+        stages.push(start.done("town", made, section.length(), "as given".into()));
+        sections.push(section);
+    }
+    if let Some(view) = &recipe.view {
+        sections.push(view.write());
     }
     if !recipe.strokes.is_empty() {
         sections.push(BoltSection { strokes: recipe.strokes.clone() }.write());
@@ -240,7 +253,7 @@ fn last(axis: &[f64]) -> f64 {
 /// The lamp grid of a recipe, over the reach that it names or the cloud's box down to its strokes' lowest point.
 fn place_lamps(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<LampGrid, BakeError> {
     let strokes: Vec<LampPoint> =
-        recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(record.segment_m)).collect();
+        recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0)).collect();
     let (mut low, mut high) = (cloud.origin_m, cloud.far_corner());
     for lamp in &strokes {
         low = low.min(lamp.position);

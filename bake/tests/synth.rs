@@ -39,6 +39,26 @@ fn a_storm_goes_where_it_is_told() {
 }
 
 #[test]
+fn streaks_are_made_by_number_and_say_what_fell() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("new/streaks");
+    let made = squall(&["synth", "streaks", "-o", text(&out), "--seed", "48", "--count", "1"]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let path = out.join("drop00.png");
+    assert_eq!(String::from_utf8_lossy(&made.stdout).trim(), text(&path));
+    let reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&path).unwrap())).read_info();
+    let reader = reader.unwrap();
+    let info = reader.info();
+    assert_eq!(
+        (info.width, info.color_type, info.bit_depth),
+        (32, png::ColorType::Grayscale, png::BitDepth::Sixteen)
+    );
+    let note = &info.uncompressed_latin1_text[0];
+    assert!(note.text.contains("mm in") && note.text.contains("--seed 48, picture 0"), "{}", note.text);
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1);
+}
+
+#[test]
 fn mistakes_have_their_exit_codes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("x");
@@ -47,5 +67,7 @@ fn mistakes_have_their_exit_codes() {
     assert_eq!(code(&["synth", "cloud", "-o", text(&out), "--cells", "9x9"]), Some(2));
     assert_eq!(code(&["synth", "cloud", "-o", text(&out), "--cells", "9x9x9"]), Some(3));
     assert_eq!(code(&["synth", "town", "-o", text(folder.path())]), Some(3), "a folder");
+    assert_eq!(code(&["synth", "streaks", "-o", text(folder.path()), "--count", "0"]), Some(3));
+    assert_eq!(code(&["synth", "streaks"]), Some(2), "no output");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }

@@ -7,6 +7,7 @@ pub mod provenance;
 pub mod response;
 pub mod streak;
 pub mod town;
+pub mod view;
 
 use crate::ReadError;
 
@@ -38,6 +39,7 @@ pub const KNOWN: &[Tag] = &[
     provenance::ProvenanceSection::TAG,
     streak::StreakSection::TAG,
     town::TownSection::TAG,
+    view::ViewSection::TAG,
 ];
 
 /// Whether this build reads sections of kind `tag`.

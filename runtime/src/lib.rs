@@ -11,6 +11,7 @@ pub mod density;
 pub mod depth;
 pub mod error;
 pub mod flash;
+pub mod frame;
 pub mod load;
 pub mod math;
 pub mod medium;

@@ -22,6 +22,7 @@
 pub mod kernel;
 mod lattice;
 pub mod light;
+mod pattern;
 mod scatter;
 mod search;
 pub mod shelter;
@@ -42,6 +43,7 @@ use streak::Lens;
 
 pub use kernel::{Clip, Footprint, Kernel, Span};
 pub use light::{Environment, Light};
+pub use pattern::PatternScratch;
 pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
 pub use streak::Streak;

@@ -112,6 +112,11 @@ impl<'a> Relighter<'a> {
         self.response.head.direct
     }
 
+    /// Extinction after delta scaling over extinction before: what [`crate::flash::add_direct`] needs to know.
+    pub fn extinction_scale(&self) -> f64 {
+        self.response.head.solver.extinction_scale
+    }
+
     /// Whether a lamp at `position` can be split over baked sources.
     pub fn reaches(&self, position: DVec3) -> bool {
         nodes_around(&self.response.head.sources, position).is_some_and(|parts| {

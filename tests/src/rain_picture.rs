@@ -1,9 +1,13 @@
 //! Rain in the picture judged from outside: streaks against the extinction of the same drops, depth, roofs,
 //! bounds, and bytes that do not depend on threads.
 
+use crate::assert_close;
 use crate::rain::{T20, camera, level, place, rain, rate, tables};
 use glam::DVec3;
+use squall_bake::input::picture::Grey;
+use squall_bake::streak::{FitSettings, Method, Source, fit_all};
 use squall_formats::drops;
+use squall_formats::section::streak::StreakSection;
 use squall_formats::units::{Metres, Millimetres, Seconds};
 use squall_runtime::depth::{DepthBuffer, DepthKind};
 use squall_runtime::medium::Medium;
@@ -12,6 +16,8 @@ use squall_runtime::rain::{
     Ceiling, Clip, Environment, Footprint, Kernel, RainVolume, Region, Scene, Shelter, ShelterMap, Shot,
     SmoothWindow, Span, Weather, Workspace,
 };
+use squall_runtime::shade::streak::StreakSet;
+use std::path::Path;
 
 #[test]
 fn threads_change_neither_the_list_nor_a_pixel() {
@@ -240,26 +246,63 @@ impl Kernel for Patch {
     }
 }
 
+/// Fitted patterns of three drawn pictures: two bright bands that cross, on a body with soft ends.
+fn patterns() -> StreakSet {
+    let picture = |index: usize| {
+        let light = |i: usize| {
+            let (u, v) = ((i % 16) as f64 / 15.0 - 0.5, (i / 16) as f64 / 79.0 - 0.5);
+            let edge = |x: f64, half: f64| 0.5 * libm::erfc((x.abs() - half) * 25.0);
+            let band = libm::exp(-libm::pow(12.0 * (u - (0.2 + 0.1 * index as f64) * v), 2.0));
+            (edge(u, 0.25) * edge(v, 0.42) * (0.5 + 0.5 * band)) as f32
+        };
+        Grey { width: 16, height: 80, pixels: (0..16 * 80).map(light).collect() }
+    };
+    let pictures: Vec<Grey> = (0..3).map(picture).collect();
+    let file = Path::new("band.png");
+    let sources: Vec<Source> = pictures.iter().map(|picture| Source { file, picture, notes: None }).collect();
+    let settings = FitSettings { method: Method::Super, cosines: 3 };
+    StreakSet::new(&StreakSection { patterns: fit_all(&sources, settings).unwrap() })
+}
+
 #[test]
 fn coverage_is_the_drops_whatever_the_kernel() {
-    let camera = camera(DVec3::Z, DVec3::new(1.0, 0.0, 0.3), DVec3::Z, 50.0, [320, 180]);
-    let shot = Shot { min_px: 8.0, ..Shot::new(&camera, T20) };
-    let mut workspace = Workspace::new();
-    let mut sum = |smooth: bool, gain: f64| {
+    fn sum<K: Kernel>(kernel: &K, gain: f64) -> f64 {
+        let camera = camera(DVec3::Z, DVec3::new(1.0, 0.0, 0.3), DVec3::Z, 50.0, [320, 180]);
+        let shot = Shot { min_px: 8.0, ..Shot::new(&camera, T20) };
+        let mut workspace = Workspace::new();
         let weather = Weather::steady(rate(50.0), DVec3::ZERO, Seconds(1.0));
         rain().find(&shot, &weather, None, &mut workspace).unwrap();
-        let light = Environment::default();
         let mut picture = Picture::new(320, 180).unwrap();
-        if smooth {
-            let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain };
-            workspace.draw(&shot, &scene, &mut picture).unwrap();
-        } else {
-            let scene = Scene { depth: None, kernel: &Patch, light: &light, gain };
-            workspace.draw(&shot, &scene, &mut picture).unwrap();
-        }
-        workspace.mask().iter().map(|&alpha| f64::from(alpha)).sum::<f64>()
-    };
+        let scene = Scene { depth: None, kernel, light: &Environment::default(), gain };
+        workspace.draw(&shot, &scene, &mut picture).unwrap();
+        workspace.mask().iter().map(|&alpha| f64::from(alpha)).sum()
+    }
     // What the picture's border cuts off differs between kernels; a small gain keeps overlaps from counting.
-    let ratio = sum(true, 0.01) / sum(false, 0.01);
-    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    const BORDER: f64 = 0.01;
+    let plain = sum(&SmoothWindow, 0.01);
+    assert_close(sum(&Patch, 0.01), plain, BORDER, "boxes");
+    assert_close(sum(&patterns(), 0.01), plain, BORDER, "patterns");
+}
+
+#[test]
+fn threads_change_no_pixel_of_patterns() {
+    let camera = camera(DVec3::Z * 2.0, DVec3::new(1.0, 0.3, 0.4), DVec3::Z, 70.0, [301, 197]);
+    let shot = Shot { min_px: 8.0, ..Shot::new(&camera, T20) };
+    let set = patterns();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut workspace = Workspace::new();
+            let weather = Weather::steady(rate(60.0), DVec3::X, Seconds(40.0));
+            rain().find(&shot, &weather, None, &mut workspace).unwrap();
+            let mut picture = Picture::new(301, 197).unwrap();
+            let light = Environment { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
+            let scene = Scene { depth: None, kernel: &set, light: &light, gain: 2.0 };
+            workspace.draw(&shot, &scene, &mut picture).unwrap();
+            picture
+        })
+    };
+    let one = run(1);
+    assert!(one.pixels.iter().any(|pixel| pixel[0] > 0.0));
+    assert!(one == run(2) && one == run(8));
 }

@@ -2,6 +2,7 @@
 
 use squall_bake::input::picture::{Grey, read_grey};
 use squall_bake::streak::{self, FitSettings, Method, Source};
+use squall_bake::synth::streak::synth_streak;
 use squall_formats::section::streak::StreakPattern;
 use squall_formats::section::streak::StreakSection;
 use squall_runtime::shade::streak::{Kernel, Scratch, StreakSet, Tile};
@@ -91,68 +92,16 @@ fn compare(pattern: &StreakPattern, kernel: &Kernel, drawn: &[f32], truth: &[f32
     (-10.0 * libm::log10(squares / area), sum(drawn) / sum(truth) - 1.0)
 }
 
+/// Seed of the sample's pictures, and the shortest of them.
+const SAMPLE_SEED: u64 = 2;
+const SHORTEST: usize = 10;
+
 #[test]
-fn probe() {
-    let Some(pictures) = reference() else { return };
-    for method in [Method::Edges, Method::Super] {
-        let patterns = fit(&pictures, method, 6);
-        for length in [30.0, 60.0, 100.0, 200.0] {
-            let (mut point, mut ours, mut energy, mut pe) = (0.0, 0.0, 0.0f64, 0.0f64);
-            let mut each = vec![];
-            let mut n = 0.0;
-            for pattern in &patterns {
-                for degrees in [0.0, 13.0, 45.0, 100.0] {
-                    let kernel = kernel_of(pattern, length, degrees);
-                    let truth = supersample(pattern, &kernel, (1200.0 / length).clamp(8.0, 32.0) as usize);
-                    let sampled = supersample(pattern, &kernel, 1);
-                    let drawn = draw(pattern, &kernel);
-                    let (a, b) = compare(pattern, &kernel, &drawn, &truth);
-                    let (p, q) = compare(pattern, &kernel, &sampled, &truth);
-                    point += p;
-                    ours += a;
-                    each.push(format!("{a:.1}/{:.2}%", 100.0 * b));
-                    energy = energy.max(b.abs());
-                    pe = pe.max(q.abs());
-                    n += 1.0;
-                }
-            }
-            eprintln!(
-                "{} {length}: point {:.1} ours {:.1} energy {:.4} point {:.4} {each:?}",
-                method.name(),
-                point / n,
-                ours / n,
-                energy,
-                pe
-            );
-        }
-    }
-}
-#[test]
-fn dbg() {
-    let Some(pictures) = reference() else { return };
-    let mut p = fit(&pictures[..1], Method::Edges, 6).remove(0);
-    let show = |p: &StreakPattern, tag: &str| {
-        let kernel = kernel_of(p, 200.0, 0.0);
-        let truth = supersample(p, &kernel, 8);
-        let drawn = draw(p, &kernel);
-        eprintln!("{tag} {:?}", compare(p, &kernel, &drawn, &truth));
-        for y in [40usize, 60, 120, 180] {
-            let row = |v: &[f32]| {
-                v[y * SIDE + 100..y * SIDE + 142]
-                    .iter()
-                    .step_by(3)
-                    .map(|x| format!("{x:.2}"))
-                    .collect::<Vec<_>>()
-                    .join(" ")
-            };
-            eprintln!("{y}: {}\n     {}", row(&truth), row(&drawn));
-        }
-    };
-    show(&p, "all");
-    if let squall_formats::section::streak::Pattern::Cosines(c) = &mut p.pattern {
-        eprintln!("{c:?}");
-        c.terms.clear();
-        c.constant = 1.0;
-    }
-    show(&p, "window");
+fn the_committed_streaks_are_what_their_command_makes() {
+    let stored = read_grey(&crate::root().join(format!("data/storm/streaks/drop{SHORTEST:02}.png"))).unwrap();
+    let made = synth_streak(SAMPLE_SEED, SHORTEST).picture;
+    let sample = |light: &f32| (light * 65_535.0).round() as u16;
+    assert_eq!([stored.width, stored.height], [made.width, made.height]);
+    let differ = stored.pixels.iter().zip(&made.pixels).filter(|(a, b)| sample(a) != sample(b)).count();
+    assert_eq!(differ, 0);
 }

@@ -1,7 +1,11 @@
 //! `squall bake RECIPE -o ASSET`
+use super::picture;
 use super::progress::Bars;
+use squall_bake::BakeError;
 use squall_bake::{output, recipe::Recipe, storm};
 use squall_formats::container;
+use squall_runtime::Asset;
+use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
 use std::path::PathBuf;
 
 /// Bakes a recipe into one asset.
@@ -12,14 +16,30 @@ pub struct Args {
     /// The asset to write.
     #[arg(short, long)]
     out: PathBuf,
+    /// Draws the recipe's own view from the bytes just written: .png or .exr.
+    #[arg(long)]
+    preview: Option<PathBuf>,
 }
 
 pub fn run(args: Args) -> anyhow::Result<()> {
     let start = std::time::Instant::now();
     let recipe = Recipe::read(&args.recipe)?;
+    if args.preview.is_some() && recipe.view.is_none() {
+        return Err(BakeError::input(&args.recipe, "view", "a table [view] to preview", "none").into());
+    }
     let bars = Bars::new()?;
     let baked = storm::bake(&recipe, &bars)?;
     bars.finish();
     output::write_atomically(&args.out, |out| container::write(out, &baked.sections).map(|_| ()))?;
-    super::table::stages(&baked.stages, &args.out, start.elapsed().as_secs_f64())
+    super::table::stages(&baked.stages, &args.out, start.elapsed().as_secs_f64())?;
+    let Some(preview) = &args.preview else { return Ok(()) };
+    let start = std::time::Instant::now();
+    let asset = Asset::open(&args.out)?;
+    let storm = Storm::new(&asset)?;
+    let Some(view) = storm.view() else { return Ok(()) };
+    let mut memory = FrameMemory::default();
+    let report = storm.draw(view, FrameQuality::default(), &mut memory)?;
+    picture::write(preview, memory.picture.as_ref(), &tone_of(&view.tone))?;
+    picture::say(preview, view, &report, start.elapsed().as_secs_f64());
+    Ok(())
 }

@@ -2,8 +2,10 @@
 
 mod bake;
 mod folder;
+mod picture;
 mod progress;
 mod query;
+mod render;
 mod solve;
 mod streaks;
 mod synth;
@@ -23,6 +25,7 @@ pub struct Cli {
 #[derive(clap::Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Render(render::Args),
     Solve(solve::Args),
     Query(query::Args),
     /// Turns pictures of streaks into cosines, and says how well.
@@ -37,6 +40,7 @@ enum Command {
 pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Bake(args) => bake::run(args),
+        Command::Render(args) => render::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
         Command::Streaks(command) => streaks::run(command),

@@ -1,6 +1,8 @@
 //! `squall synth …`: inputs from seeds.
 
+use super::progress::Bars;
 use squall_bake::synth::cloud::{CloudKind, synth_cloud};
+use squall_bake::synth::streak::write_streaks;
 use squall_bake::synth::town::synth_town;
 use squall_bake::{input, output};
 use squall_formats::GridShape;
@@ -14,6 +16,22 @@ pub enum Synth {
     Cloud(Cloud),
     /// A small town with a wet road, lamps and hills, as JSON.
     Town(Town),
+    /// Pictures of streaks of raindrops that oscillate and refract (DIR/drop00.png and so on).
+    Streaks(Streaks),
+}
+
+/// Arguments of `squall synth streaks`.
+#[derive(clap::Args)]
+pub struct Streaks {
+    /// Folder for the pictures; made if missing.
+    #[arg(short, long, value_name = "DIR")]
+    out: PathBuf,
+    /// Seed; the same seed gives the same bytes.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// How many pictures; the first ones are the same for any number.
+    #[arg(long, default_value_t = 12)]
+    count: usize,
 }
 
 /// Arguments of `squall synth cloud`.
@@ -88,6 +106,12 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
             let text = input::town::town_json(&synth_town(arguments.seed), &note);
             output::write_atomically(&arguments.out, |out| out.write_all(text.as_bytes()))?;
             println!("{}", arguments.out.display());
+        }
+        Synth::Streaks(arguments) => {
+            let bars = Bars::new()?;
+            let files = write_streaks(&arguments.out, arguments.seed, arguments.count, &bars)?;
+            bars.finish();
+            files.iter().for_each(|file| println!("{}", file.display()));
         }
     }
     Ok(())

@@ -1,6 +1,7 @@
 //! The recipe's text as it is typed, and its way to a checked [`Recipe`].
 
 use super::place::Source;
+use super::view::ViewFile;
 use super::{Clouds, Lamps, Rain, Recipe, RecipeError};
 use crate::density::DensitySpec;
 use crate::error::BakeError;
@@ -11,6 +12,7 @@ use serde::Deserialize;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::density::Ranges;
 use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm, DistantKind, SweepScheme};
+use squall_formats::section::view::ViewSection;
 use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
@@ -26,6 +28,20 @@ struct RecipeFile {
     rain: Option<RainFile>,
     #[serde(default)]
     strokes: Vec<Spanned<StrokeFile>>,
+    town: Option<TownFile>,
+    view: Option<Spanned<ViewFile>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TownFile {
+    file: Spanned<PathBuf>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewAlone {
+    view: Spanned<ViewFile>,
 }
 
 #[derive(Deserialize)]
@@ -171,27 +187,55 @@ struct StrokeFile {
 /// Reads a recipe's text.
 pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     let source = Source { file: path, text: &text };
-    let file: RecipeFile = toml::from_str(&text).map_err(|error| source.refused(&error))?;
+    let file: RecipeFile = toml::from_str(&text).map_err(|error| source.refused_text(&error))?;
     let clouds = file.clouds.map(|clouds| clouds.check(&source)).transpose()?;
     let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
     let mut strokes: Vec<StrokeRecord> = Vec::new();
-    for stroke in file.strokes {
+    for (number, stroke) in file.strokes.into_iter().enumerate() {
         let span = stroke.span();
         let record = stroke.into_inner().record();
-        record.check().map_err(|(field, wanted, found)| {
-            source.error(span.clone(), format!("strokes.{field}"), wanted, found)
-        })?;
+        let table = ["strokes", &number.to_string()];
+        record
+            .check()
+            .map_err(|(field, wanted, found)| source.refused(&table, field, wanted, found, span.clone()))?;
         if strokes.iter().any(|other| other.name == record.name) {
             let found = format!("`{}` twice", record.name);
             return Err(source.error(span, "strokes.name", "each name once", found).into());
         }
         strokes.push(record);
     }
-    if clouds.is_none() && rain.is_none() && strokes.is_empty() {
-        let wanted = "at least one of [clouds], [rain] and [[strokes]]";
+    let town = file.town.map(|town| source.beside("town.file", &town.file)).transpose()?;
+    if clouds.is_none() && rain.is_none() && strokes.is_empty() && town.is_none() {
+        let wanted = "at least one of [clouds], [rain], [town] and [[strokes]]";
         return Err(source.error(0..0, "recipe", wanted, "none of them").into());
     }
-    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes })
+    let names: Vec<String> = strokes.iter().map(|record| record.name.clone()).collect();
+    let view = file.view.map(|view| check_view(view, &source, &names)).transpose()?;
+    if let (Some(view), None) = (&view, &rain)
+        && view.rain.rate_mm_per_h > 0.0
+    {
+        let span = source.locate(&["view", "rain", "rate_mm_per_h"]).unwrap_or(0..0);
+        let wanted = "0 in a recipe without [rain]";
+        let found = view.rain.rate_mm_per_h;
+        return Err(source.error(span, "view.rain.rate_mm_per_h", wanted, found.to_string()).into());
+    }
+    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, view })
+}
+
+fn check_view(
+    view: Spanned<ViewFile>,
+    source: &Source,
+    strokes: &[String],
+) -> Result<ViewSection, RecipeError> {
+    let span = view.span();
+    view.into_inner().check(source, span, strokes)
+}
+
+/// Reads a file that holds a view alone.
+pub(super) fn read_view(path: &Path, text: &str, strokes: &[String]) -> Result<ViewSection, BakeError> {
+    let source = Source { file: path, text };
+    let file: ViewAlone = toml::from_str(text).map_err(|error| source.refused_text(&error))?;
+    Ok(check_view(file.view, &source, strokes)?)
 }
 
 impl Source<'_> {

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use toml::de::{DeTable, DeValue};
 
 /// What is wrong at one place of a recipe.
 #[derive(Clone, Debug)]
@@ -52,6 +53,45 @@ pub(super) struct Source<'a> {
 }
 
 impl Source<'_> {
+    /// Where the value of a key stands, found by its path through tables and arrays.
+    pub fn locate(&self, path: &[&str]) -> Option<Range<usize>> {
+        let (whole, _) = DeTable::parse_recoverable(self.text);
+        let (first, rest) = path.split_first()?;
+        let mut value = whole.get_ref().get(*first)?;
+        for key in rest {
+            value = match value.get_ref() {
+                DeValue::Table(table) => table.get(*key)?,
+                DeValue::Array(list) => list.get(key.parse::<usize>().ok()?)?,
+                _ => return None,
+            };
+        }
+        Some(value.span())
+    }
+
+    /// Refuses a number that a record's own check found out of range. `keys` are the names under which the record's
+    /// `field` may have been typed; what stands there is shown as it was typed.
+    pub fn refused(
+        &self,
+        table: &[&str],
+        field: &str,
+        wanted: &str,
+        found: String,
+        or_else: Range<usize>,
+    ) -> RecipeError {
+        let typed = [field.to_owned(), field.replace("_rad", "_deg"), field.replace("_s", "_ms")];
+        let place = typed.iter().find_map(|name| {
+            let path: Vec<&str> = table.iter().copied().chain(name.split('.')).collect();
+            Some((path.join("."), self.locate(&path)?))
+        });
+        match place {
+            Some((name, span)) => {
+                let found = self.text.get(span.clone()).unwrap_or(&found).to_owned();
+                self.error(span, name, wanted, found)
+            }
+            None => self.error(or_else, format!("{}.{field}", table.join(".")), wanted, found),
+        }
+    }
+
     /// An error at `span`.
     pub fn error(
         &self,
@@ -71,7 +111,7 @@ impl Source<'_> {
     }
 
     /// Puts what the TOML reader refuses into the recipe's own words: an unknown key names the nearest known one.
-    pub fn refused(&self, error: &toml::de::Error) -> RecipeError {
+    pub fn refused_text(&self, error: &toml::de::Error) -> RecipeError {
         let span = error.span().unwrap_or(0..0);
         let message = error.message().trim();
         let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();

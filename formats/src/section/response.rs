@@ -117,6 +117,9 @@ pub struct SolverRecord {
     pub directions: [u8; 2],
     /// Scheme of the sweeps.
     pub scheme: SweepScheme,
+    /// Extinction after delta scaling over extinction before, 1 − ωf, in (0, 1]: light that the transport counted as
+    /// unscattered is not in the rows, so whoever works out direct light must count it there.
+    pub extinction_scale: f64,
     /// Residual asked of every solve.
     pub tolerance: f64,
     /// Largest residual that was left.
@@ -222,6 +225,10 @@ impl<'a> ResponseSection<'a> {
         }
         if head.solver.refine.iter().any(|&factor| factor == 0 || factor > 64) {
             return Err(invalid("refine", "1 to 64", format!("{:?}", head.solver.refine)));
+        }
+        let scale = head.solver.extinction_scale;
+        if !(scale > 0.0 && scale <= 1.0) {
+            return Err(invalid("extinction scale", "above 0, at most 1", scale.to_string()));
         }
         let SourceBasis::LampGrid { x_m, y_m, z_m, rows: node_rows } = &head.sources;
         for axis in [x_m, y_m, z_m] {

@@ -18,7 +18,7 @@ pub use window::{EdgeWindow, PowerWindow, Window};
 
 use crate::error::{Limits, ReadError};
 use crate::meta;
-use crate::section::Tag;
+use crate::section::{Tag, check_version};
 use packing::{Cursor, nearest};
 use serde::{Deserialize, Serialize};
 
@@ -208,7 +208,7 @@ impl StreakPattern {
     /// The pattern as it comes back from a file.
     pub fn quantised(&self) -> Self {
         let section = StreakSection { patterns: vec![self.clone()] };
-        let read = StreakSection::read(&section.write(), &Limits::default());
+        let read = StreakSection::read(&section.write(), 1, &Limits::default());
         // What `write` saturates into range, `read` accepts.
         read.ok().and_then(|mut section| section.patterns.pop()).unwrap_or_else(|| self.clone())
     }
@@ -264,7 +264,8 @@ impl StreakSection {
     ///
     /// Errors: bytes missing or left over, more patterns or terms than `limits` and [`MAX_TERMS`] allow, a
     /// method that this build does not know, any number outside its range.
-    pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, ReadError> {
+    pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
+        check_version(Self::TAG, version, Self::VERSION)?;
         let (records, pool): (Vec<Record>, Vec<u8>) = meta::decode(Self::TAG, bytes, limits)?;
         if records.len() as u64 > limits.patterns {
             return Err(ReadError::OverLimit {

@@ -4,6 +4,8 @@
 //! exists as well: setting it to zero there would darken every edge. Near a lamp J changes within a cell: light that comes
 //! straight from the lamp can be worked out at every step instead, and steps then shorten towards the lamp.
 
+pub mod march;
+
 use crate::camera::{Camera, Projection, Ray};
 use crate::math::exp_neg;
 use crate::phase::henyey_greenstein;

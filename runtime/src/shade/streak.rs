@@ -76,6 +76,14 @@ pub struct Scratch {
     rows: Vec<[Row; 2]>,
 }
 
+impl Scratch {
+    /// Bytes that it holds.
+    pub fn bytes(&self) -> usize {
+        let rows: usize = self.rows.iter().flatten().map(Row::bytes).sum();
+        self.waves.capacity() * size_of::<Wave>() + self.rows.capacity() * size_of::<[Row; 2]>() + rows
+    }
+}
+
 /// A kernel's frame of reference.
 struct Pose {
     /// Unit vectors of u and v in the frame.
@@ -172,11 +180,11 @@ impl StreakSet {
                 draw(&lines, &pose, cosines, &EdgeFrame::new(&self.edges, window, &pose), tile, waves);
             }
             Light::Cosines(Cosines { frame: Frame::Profiles(profiles), .. }) => {
-                pose.fill_rows(std::slice::from_ref(profiles), rows);
+                let rows = pose.fill_rows(std::slice::from_ref(profiles), rows);
                 draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
             }
             Light::Products(products) => {
-                pose.fill_rows(products, rows);
+                let rows = pose.fill_rows(products, rows);
                 draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
             }
         }
@@ -207,17 +215,18 @@ impl Pose {
         Some(Self { across, along, scale, corner, weight: kernel.weight })
     }
 
-    /// Profiles across and along, seen through this kernel's pixels.
-    fn fill_rows(&self, profiles: &[[Profile; 2]], rows: &mut Vec<[Row; 2]>) {
-        rows.resize_with(profiles.len(), Default::default);
+    /// Profiles across and along, seen through this kernel's pixels. Rows of earlier kernels keep their memory.
+    fn fill_rows<'r>(&self, profiles: &[[Profile; 2]], rows: &'r mut Vec<[Row; 2]>) -> &'r [[Row; 2]] {
+        rows.resize_with(profiles.len().max(rows.len()), Default::default);
         let directions = [self.across, self.along].map(|axis| axis.map(f64::abs));
         for (row, profile) in rows.iter_mut().zip(profiles) {
             for axis in 0..2 {
                 profile[axis].fill_row(self.scale[axis], directions[axis], &mut row[axis]);
             }
         }
+        &rows[..profiles.len()]
     }
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

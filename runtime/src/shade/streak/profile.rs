@@ -81,6 +81,11 @@ impl Profile {
 }
 
 impl Row {
+    /// Bytes that it holds beside itself.
+    pub fn bytes(&self) -> usize {
+        self.values.capacity() * size_of::<f32>()
+    }
+
     /// Mean over the pixel whose centre is `distance` pixels from the picture's beginning, and its slope per
     /// pixel; zero far outside.
     #[inline]

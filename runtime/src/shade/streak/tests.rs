@@ -42,7 +42,7 @@ fn streak(pattern: Pattern) -> StreakPattern {
 }
 
 /// One pattern of every kind.
-fn every_kind() -> StreakSection {
+pub(crate) fn every_kind() -> StreakSection {
     let cosines = |window| Pattern::Cosines(CosinePattern { window, constant: 0.6, terms: terms() });
     let power = |exponent| PowerWindow { centre: [0.5, 0.52], radius: [0.2, 0.4], exponent };
     let table = |count: usize, bump: f64| -> Vec<f64> {

@@ -21,6 +21,8 @@ const SAMPLES: [usize; 2] = [48, 192];
 const WIDTHS: usize = 33;
 const WIDTHS_PER_OCTAVE: f32 = 4.0;
 const FIRST_WIDTH_LOG2: f32 = -4.0;
+/// Ratio of neighbouring widths, 2^¼.
+const NEXT_WIDTH: f64 = 1.189_207_115_002_721;
 /// Angle classes from 0° to 45°.
 const ANGLES: usize = 5;
 /// Intervals across, a power of two.
@@ -59,6 +61,14 @@ pub struct ThinKernel<'a> {
 /// none.
 const REACH_ACROSS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const REACH_ALONG: f64 = 0.5 + 0.5 * NARROWEST_BOX;
+
+/// Pixels that a table across spans for a picture `scale` pixels wide, and how many of them come before the
+/// picture. Nodes of the narrowest tables divide a pixel evenly: linear tables then share a streak out among
+/// the pixels of a lattice line exactly, however thin it is.
+fn span_across(scale: f64) -> (f64, f64) {
+    let span = (scale + 2.0 * REACH_ACROSS).max(2.0);
+    (span, 0.5 * (span - scale))
+}
 
 impl Thin {
     /// Tabulates a pattern whose integral over the plane is `integral`; what the samples miss of it (light
@@ -109,8 +119,12 @@ impl Thin {
         let place = octave.clamp(0.0, (WIDTHS - 1) as f32 - 1e-3);
         let (class, share) = (place as usize, place - place.floor());
         let at = |class: usize| &self.across[class * ANGLES + angle.min(ANGLES - 1)];
-        // Below the narrowest class the light shrinks with the width.
-        let narrow = libm::exp2f(octave.min(0.0) / WIDTHS_PER_OCTAVE);
+        // What is mixed from two classes, or taken from the narrowest, has their width's light.
+        let (width, reach) = span_across(scale[0]);
+        let class_width = f64::from(libm::exp2f(class as f32 / WIDTHS_PER_OCTAVE + FIRST_WIDTH_LOG2));
+        let lights = [class_width, class_width * NEXT_WIDTH].map(|width| width / span_across(width).0);
+        let mixed = lights[0] + (lights[1] - lights[0]) * f64::from(share);
+        let narrow = (scale[0] / (width * mixed)) as f32;
         let octave = (libm::log2f(scale[1] as f32) - FIRST_LENGTH_LOG2) * LENGTHS_PER_OCTAVE;
         let length_class = octave.round().clamp(0.0, (LENGTHS - 1) as f32);
         let own_length = libm::exp2(f64::from(length_class / LENGTHS_PER_OCTAVE + FIRST_LENGTH_LOG2));
@@ -128,10 +142,9 @@ impl Thin {
                 out[k] = (a[k] + (b[k] - a[k]) * share) * factor;
             }
         }
-        let width = scale[0] + 2.0 * REACH_ACROSS;
         ThinKernel {
             across,
-            across_reach: REACH_ACROSS as f32,
+            across_reach: reach as f32,
             across_per_pixel: (INTERVALS as f64 / width) as f32,
             along,
             along_reach: (REACH_ALONG * stretch) as f32,
@@ -267,7 +280,8 @@ fn tabulate_across(profiles: &[Profile]) -> Vec<[Packet; INTERVALS + 1]> {
         let scale = libm::exp2(f64::from(class as f32 / WIDTHS_PER_OCTAVE + FIRST_WIDTH_LOG2));
         for angle in 0..ANGLES {
             let (sin, cos) = libm::sincos(FRAC_PI_4 * angle as f64 / (ANGLES - 1) as f64);
-            let place = |i: usize| (scale + 2.0 * REACH_ACROSS) * i as f64 / INTERVALS as f64 - REACH_ACROSS;
+            let (width, reach) = span_across(scale);
+            let place = |i: usize| width * i as f64 / INTERVALS as f64 - reach;
             // The outermost nodes stay zero, and so does every place beyond them.
             let mut table = [[0.0; RANK]; INTERVALS + 1];
             for (i, packet) in table.iter_mut().enumerate().skip(1).take(INTERVALS - 1) {

@@ -1,0 +1,110 @@
+//! `squall render ASSET -o PICTURE`
+use super::picture::{self, Sheet};
+use squall_bake::BakeError;
+use squall_bake::recipe::read_view;
+use squall_formats::section::view::{ViewFlash, ViewSection};
+use squall_runtime::Asset;
+use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
+use std::path::PathBuf;
+
+/// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The asset.
+    asset: PathBuf,
+    /// The picture to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    /// A view in place of the asset's own: a TOML file with [view] and the tables under it, as in a recipe.
+    #[arg(long)]
+    scene: Option<PathBuf>,
+    /// Rainfall intensity, mm/h.
+    #[arg(long)]
+    rate: Option<f64>,
+    /// Name of a stroke that flashes, once for each; "none" for a dark picture.
+    #[arg(long = "flash")]
+    flashes: Vec<String>,
+    /// Time of the exposure, s: moves the rain.
+    #[arg(long)]
+    time: Option<f64>,
+    /// Width and height, px.
+    #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
+    size: Option<Vec<u32>>,
+    /// Stops to brighten (or, negative, darken) a .png by.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    stops: f32,
+    /// Samples along each side of a pixel of the town.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
+    samples: u32,
+    /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down.
+    #[arg(long, conflicts_with_all = ["rate", "flashes"])]
+    contact_sheet: bool,
+}
+
+/// Rainfall intensities of a contact sheet, mm/h.
+const SHEET_RATES: [f64; 4] = [0.0, 2.0, 25.0, 75.0];
+
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let start = std::time::Instant::now();
+    let asset = Asset::open(&args.asset)?;
+    let storm = Storm::new(&asset)?;
+    let view = view_of(&args, &storm)?;
+    let mut quality = FrameQuality::default();
+    quality.town.samples = args.samples;
+    let mut memory = FrameMemory::default();
+    let tone = tone_of(&view.tone).brighter(args.stops);
+    if args.contact_sheet {
+        let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
+        for row in 0..2 {
+            for (column, rate) in SHEET_RATES.into_iter().enumerate() {
+                let mut one = view.clone();
+                one.rain.rate_mm_per_h = rate;
+                if row == 0 {
+                    one.flashes.clear();
+                }
+                storm.draw(&one, quality, &mut memory)?;
+                sheet.place(column, row, memory.picture.as_ref());
+            }
+        }
+        sheet.write(&args.out, &tone)?;
+        println!("{}: 8 pictures, {:.2} s", args.out.display(), start.elapsed().as_secs_f64());
+        return Ok(());
+    }
+    let report = storm.draw(&view, quality, &mut memory)?;
+    picture::write(&args.out, memory.picture.as_ref(), &tone)?;
+    picture::say(&args.out, &view, &report, start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The view to draw: the asset's own or a given one, with what the command line says of it.
+fn view_of(args: &Args, storm: &Storm<'_>) -> anyhow::Result<ViewSection> {
+    let strokes: Vec<String> = storm.strokes().map(|(record, _)| record.name.clone()).collect();
+    let mut view = match (&args.scene, storm.view()) {
+        (Some(path), _) => read_view(path, &strokes)?,
+        (None, Some(view)) => view.clone(),
+        (None, None) => {
+            let wanted = "a section VIEW, or --scene with a view";
+            return Err(BakeError::input(&args.asset, "view", wanted, "neither").into());
+        }
+    };
+    if let Some(rate) = args.rate {
+        view.rain.rate_mm_per_h = rate;
+    }
+    if let Some(time) = args.time {
+        view.rain.time_s = time;
+    }
+    if let Some([width, height]) = args.size.as_deref() {
+        view.camera.size_px = [*width, *height];
+    }
+    if !args.flashes.is_empty() {
+        let known = std::mem::take(&mut view.flashes);
+        let lit = args.flashes.iter().filter(|name| *name != "none");
+        view.flashes = lit
+            .map(|name| {
+                let own = known.iter().find(|flash| flash.stroke == *name);
+                own.cloned().unwrap_or(ViewFlash { stroke: name.clone(), brightness: 1.0 })
+            })
+            .collect();
+    }
+    Ok(view)
+}

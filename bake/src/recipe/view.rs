@@ -1,0 +1,203 @@
+//! The recipe's picture as it is typed: `[view]` and the tables under it.
+
+use super::RecipeError;
+use super::place::Source;
+use serde::Deserialize;
+use squall_formats::section::view::{
+    ViewCamera, ViewDetail, ViewFlash, ViewRain, ViewSection, ViewSky, ViewTone,
+};
+use std::ops::Range;
+use toml::Spanned;
+
+/// `[view]`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ViewFile {
+    position_m: [f64; 3],
+    heading_deg: f64,
+    pitch_deg: Option<f64>,
+    vertical_fov_deg: Option<f64>,
+    size_px: Option<[u32; 2]>,
+    exposure_ms: Option<f64>,
+    flashes: Option<Vec<Spanned<FlashFile>>>,
+    #[serde(default)]
+    rain: RainFile,
+    #[serde(default)]
+    sky: SkyFile,
+    #[serde(default)]
+    detail: DetailFile,
+    #[serde(default)]
+    tone: ToneFile,
+}
+
+/// A stroke's name, or its name and a factor.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum FlashFile {
+    Name(String),
+    Factor { stroke: String, brightness: f64 },
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RainFile {
+    rate_mm_per_h: Option<f64>,
+    wind_m_per_s: Option<[f64; 3]>,
+    time_s: Option<f64>,
+    seed: Option<u64>,
+    streak_px: Option<[f64; 2]>,
+    gain: Option<f64>,
+    ceiling_m: Option<f64>,
+    ceiling_softness_m: Option<f64>,
+    centre_m: Option<[f64; 2]>,
+    radius_m: Option<f64>,
+    radius_softness_m: Option<f64>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct SkyFile {
+    sun_azimuth_deg: Option<f64>,
+    sun_elevation_deg: Option<f64>,
+    haze: Option<f64>,
+    overcast: Option<f64>,
+    high_cloud: Option<f64>,
+    #[serde(rename = "sun_irradiance_W_per_m2")]
+    sun_irradiance: Option<[f64; 3]>,
+    tint: Option<[f64; 3]>,
+    ground_albedo: Option<f64>,
+    seed: Option<u32>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct DetailFile {
+    amplitude: Option<f64>,
+    size_m: Option<f64>,
+    fibres_from_m: Option<f64>,
+    seed: Option<u32>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct ToneFile {
+    exposure: Option<f64>,
+    contrast: Option<f64>,
+    glow_amount: Option<f64>,
+    glow_levels: Option<u32>,
+    glow_reach: Option<f64>,
+}
+
+impl ViewFile {
+    /// The view that it says; `strokes` are the names that may flash, all of them where none is listed.
+    pub fn check(
+        self,
+        source: &Source,
+        span: Range<usize>,
+        strokes: &[String],
+    ) -> Result<ViewSection, RecipeError> {
+        let usual = ViewCamera::default();
+        let camera = ViewCamera {
+            position_m: self.position_m,
+            heading_rad: self.heading_deg.to_radians(),
+            pitch_rad: self.pitch_deg.map_or(usual.pitch_rad, f64::to_radians),
+            vertical_fov_rad: self.vertical_fov_deg.map_or(usual.vertical_fov_rad, f64::to_radians),
+            size_px: self.size_px.unwrap_or(usual.size_px),
+            exposure_s: self.exposure_ms.map_or(usual.exposure_s, |ms| ms / 1000.0),
+        };
+        let flashes = match self.flashes {
+            None => strokes.iter().map(|name| ViewFlash { stroke: name.clone(), brightness: 1.0 }).collect(),
+            Some(list) => {
+                let mut flashes: Vec<ViewFlash> = Vec::new();
+                for flash in list {
+                    let at = flash.span();
+                    let flash = match flash.into_inner() {
+                        FlashFile::Name(stroke) => ViewFlash { stroke, brightness: 1.0 },
+                        FlashFile::Factor { stroke, brightness } => ViewFlash { stroke, brightness },
+                    };
+                    if !strokes.contains(&flash.stroke) {
+                        let wanted = format!("the name of a stroke of this recipe: {}", strokes.join(", "));
+                        let found = format!("`{}`", flash.stroke);
+                        return Err(source.error(at, "view.flashes", wanted, found));
+                    }
+                    flashes.push(flash);
+                }
+                flashes
+            }
+        };
+        let view = ViewSection {
+            camera,
+            rain: self.rain.record(),
+            sky: self.sky.record(),
+            detail: self.detail.record(),
+            flashes,
+            tone: self.tone.record(),
+        };
+        view.check().map_err(|(field, wanted, found)| {
+            let field = field.strip_prefix("camera.").unwrap_or(field);
+            source.refused(&["view"], field, wanted, found, span)
+        })?;
+        Ok(view)
+    }
+}
+
+impl RainFile {
+    fn record(self) -> ViewRain {
+        let usual = ViewRain::default();
+        ViewRain {
+            rate_mm_per_h: self.rate_mm_per_h.unwrap_or(usual.rate_mm_per_h),
+            wind_m_per_s: self.wind_m_per_s.unwrap_or(usual.wind_m_per_s),
+            time_s: self.time_s.unwrap_or(usual.time_s),
+            seed: self.seed.unwrap_or(usual.seed),
+            streak_px: self.streak_px.unwrap_or(usual.streak_px),
+            gain: self.gain.unwrap_or(usual.gain),
+            ceiling_m: self.ceiling_m.map(|height| [height, self.ceiling_softness_m.unwrap_or(0.0)]),
+            region_m: self.radius_m.map(|radius| {
+                let [x, y] = self.centre_m.unwrap_or([0.0; 2]);
+                [x, y, radius, self.radius_softness_m.unwrap_or(0.0)]
+            }),
+        }
+    }
+}
+
+impl SkyFile {
+    fn record(self) -> ViewSky {
+        let usual = ViewSky::default();
+        ViewSky {
+            sun_azimuth_rad: self.sun_azimuth_deg.map_or(usual.sun_azimuth_rad, f64::to_radians),
+            sun_elevation_rad: self.sun_elevation_deg.map_or(usual.sun_elevation_rad, f64::to_radians),
+            haze: self.haze.unwrap_or(usual.haze),
+            overcast: self.overcast.unwrap_or(usual.overcast),
+            high_cloud: self.high_cloud.unwrap_or(usual.high_cloud),
+            sun_irradiance_w_per_m2: self.sun_irradiance.unwrap_or(usual.sun_irradiance_w_per_m2),
+            tint: self.tint.unwrap_or(usual.tint),
+            ground_albedo: self.ground_albedo.unwrap_or(usual.ground_albedo),
+            seed: self.seed.unwrap_or(usual.seed),
+        }
+    }
+}
+
+impl DetailFile {
+    fn record(self) -> ViewDetail {
+        let usual = ViewDetail::default();
+        ViewDetail {
+            amplitude: self.amplitude.unwrap_or(usual.amplitude),
+            size_m: self.size_m.unwrap_or(usual.size_m),
+            fibres_from_m: self.fibres_from_m.unwrap_or(usual.fibres_from_m),
+            seed: self.seed.unwrap_or(usual.seed),
+        }
+    }
+}
+
+impl ToneFile {
+    fn record(self) -> ViewTone {
+        let usual = ViewTone::default();
+        ViewTone {
+            exposure: self.exposure.unwrap_or(usual.exposure),
+            contrast: self.contrast.unwrap_or(usual.contrast),
+            glow_amount: self.glow_amount.unwrap_or(usual.glow_amount),
+            glow_levels: self.glow_levels.unwrap_or(usual.glow_levels),
+            glow_reach: self.glow_reach.unwrap_or(usual.glow_reach),
+        }
+    }
+}

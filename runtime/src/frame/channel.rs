@@ -1,0 +1,146 @@
+//! Lightning channels: as lines of light in the picture, and as points that light the town and stand in its water.
+
+use super::{CLOUD_M, EYE_M, Flash};
+use crate::camera::{Camera, Projection};
+use crate::math::exp_neg;
+use crate::picture::Picture;
+use crate::shade::sky::Sky;
+use crate::shade::town::Town;
+use crate::shade::town::light::PointLight;
+use crate::transport::Cloud;
+use crate::transport::direct::Tracer;
+use glam::{DVec3, Vec3};
+
+/// Standard deviation of a channel's line in the picture, px: a lens's.
+const BLUR_PX: f32 = 0.62;
+/// Pixels around a point that its blur reaches.
+const REACH_PX: f32 = 4.0;
+/// Points of a channel are drawn this far apart, px.
+const SPACING_PX: f64 = 0.7;
+/// Most points that a segment is drawn with.
+const MOST_POINTS: f64 = 4096.0;
+/// Light that less than this share of arrives is left out.
+const FAINT: f32 = 1e-4;
+/// Points of each stroke that light surfaces with shadows, and that stand in the water.
+const SHADOW_POINTS: f64 = 4.0;
+const IMAGE_POINTS: f64 = 80.0;
+
+/// A flash as the town sees it.
+pub struct TownLights {
+    /// A few points that light surfaces and cast shadows.
+    pub shadows: Vec<PointLight>,
+    /// Many points whose images stand in the water.
+    pub images: Vec<PointLight>,
+}
+
+/// Share of a point's light that reaches the eye through the cloud.
+fn through(cloud: Option<&Cloud>, from: DVec3, to: DVec3) -> f32 {
+    cloud.map_or(1.0, |cloud| exp_neg(Tracer::new(cloud, 1.0).optical_depth(from, to)))
+}
+
+/// The strokes as points of light around `eye`; what the cloud hides is left out, since its glow is a light of its own.
+pub fn town_lights(
+    flashes: &[Flash<'_>],
+    cloud: Option<&Cloud>,
+    eye: DVec3,
+    air: &dyn Fn(f64) -> [f32; 3],
+) -> TownLights {
+    let points = |count: f64| -> Vec<PointLight> {
+        let of = |flash: &Flash<'_>| -> Vec<PointLight> {
+            let length: f64 = flash.stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
+            let lamps = flash.stroke.lamps(length / count);
+            lamps
+                .iter()
+                .filter_map(|lamp| {
+                    let visibility = through(cloud, eye, lamp.position);
+                    let clear = air(eye.distance(lamp.position));
+                    let full = flash.intensity(lamp.intensity);
+                    let intensity = std::array::from_fn(|band| full[band] * clear[band]);
+                    let point = PointLight { position: lamp.position.as_vec3(), intensity, visibility };
+                    (visibility > FAINT).then_some(point)
+                })
+                .collect()
+        };
+        flashes.iter().flat_map(of).collect()
+    };
+    TownLights { shadows: points(SHADOW_POINTS), images: points(IMAGE_POINTS) }
+}
+
+/// Irradiance of the strokes' own light at the eye, W/m² per channel, and the direction that it travels in.
+pub fn irradiance_at(
+    flashes: &[Flash<'_>],
+    cloud: Option<&Cloud>,
+    sky: &Sky,
+    eye: DVec3,
+) -> ([f32; 3], DVec3) {
+    let air = |distance: f64| sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+    let (mut sum, mut way) = ([0.0f32; 3], DVec3::ZERO);
+    for point in town_lights(flashes, cloud, eye, &air).shadows {
+        let offset = eye - point.position.as_dvec3();
+        let share = point.visibility / offset.length_squared().max(1.0) as f32;
+        let light = point.intensity.map(|value| value * share);
+        for band in 0..3 {
+            sum[band] += light[band];
+        }
+        way += offset.normalize_or(DVec3::NEG_Z) * f64::from(light.iter().sum::<f32>());
+    }
+    (sum, way.normalize_or(DVec3::NEG_Z))
+}
+
+/// Adds the channels of `flashes` to a picture: every piece's light, spread over a lens's blur.
+pub fn draw_channels(
+    flashes: &[Flash<'_>],
+    camera: &Camera,
+    sky: &Sky,
+    cloud: Option<&Cloud>,
+    town: Option<&Town>,
+    picture: &mut Picture,
+) {
+    let Projection::Perspective { .. } = camera.projection else { return };
+    let per_metre = camera.pixels_per_metre();
+    for flash in flashes {
+        for segment in &flash.stroke.segments {
+            let middle = 0.5 * (segment.from + segment.to);
+            let distance = camera.position.distance(middle).max(1.0);
+            let seen = through(cloud, camera.position, middle);
+            if seen < FAINT {
+                continue;
+            }
+            let air = sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+            let long = segment.from.distance(segment.to) * per_metre / distance;
+            let count = (long / SPACING_PX).ceil().clamp(1.0, MOST_POINTS);
+            // A source of I W/sr at distance d has irradiance I/d² at the eye: radiance times solid angle, and a pixel's
+            // solid angle is one over pixels per radian squared.
+            let scale = (per_metre * per_metre / (distance * distance) / count) as f32 * seen;
+            let light = flash.intensity(segment.intensity);
+            let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
+            for i in 0..count as usize {
+                let point = segment.from.lerp(segment.to, (i as f64 + 0.5) / count);
+                let Some(place) = camera.project(point) else { continue };
+                if town.is_some_and(|town| town.is_blocked(camera.position.as_vec3(), point.as_vec3())) {
+                    continue;
+                }
+                spot(picture, place.pixel.as_vec2().extend(0.0), light);
+            }
+        }
+    }
+}
+
+/// Adds a point's light, blurred; all of it arrives on an endless picture.
+fn spot(picture: &mut Picture, place: Vec3, light: [f32; 3]) {
+    let range = |middle: f32, count: usize| {
+        let [low, high] = [middle - REACH_PX, middle + REACH_PX].map(|v| v.clamp(0.0, count as f32) as usize);
+        low..high
+    };
+    let width = picture.width;
+    for y in range(place.y, picture.height) {
+        for x in range(place.x, width) {
+            let (dx, dy) = (x as f32 + 0.5 - place.x, y as f32 + 0.5 - place.y);
+            let share = libm::expf(-(dx * dx + dy * dy) / (2.0 * BLUR_PX * BLUR_PX))
+                / (std::f32::consts::TAU * BLUR_PX * BLUR_PX);
+            for band in 0..3 {
+                picture.pixels[y * width + x][band] += light[band] * share;
+            }
+        }
+    }
+}

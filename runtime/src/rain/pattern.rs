@@ -1,0 +1,251 @@
+//! The kernel for an asset with patterns: each drop's streak is one of the asset's pictures.
+
+use super::kernel::{Clip, Footprint, Kernel, Span};
+use super::window::SmoothWindow;
+use crate::shade::streak::{self, StreakSet, Tile};
+
+/// Pixels that the picture works on together: spans are padded to whole blocks.
+const BLOCK: usize = 4;
+
+/// Working memory for drawing patterns; grows to the largest tile and is then reused.
+#[derive(Clone, Debug, Default)]
+pub struct PatternScratch {
+    patch: Vec<f32>,
+    streak: streak::Scratch,
+}
+
+impl PatternScratch {
+    /// Bytes that it holds.
+    pub fn bytes(&self) -> usize {
+        self.patch.capacity() * size_of::<f32>() + self.streak.bytes()
+    }
+}
+
+/// Draws a footprint as pattern number `footprint.pattern` modulo their number: the pattern's body takes the
+/// drop's whole path, from a radius before its first place to a radius after its last, and its width.
+///
+/// The pattern's light is divided by its sum, so that shares add up to 1 at any size; what cosines undershoot
+/// below zero, a few parts in a thousand of the light, is cut off. A set without light is drawn as
+/// [`SmoothWindow`]s.
+impl Kernel for StreakSet {
+    type Scratch = PatternScratch;
+
+    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
+        match self.of_footprint(footprint) {
+            Some(kernel) => {
+                let [left, top, right, bottom] = StreakSet::bounds(self, &kernel)?;
+                Some(Clip { left, top, right, bottom })
+            }
+            None => SmoothWindow.bounds(footprint),
+        }
+    }
+
+    fn draw(
+        &self,
+        footprint: &Footprint,
+        clip: Clip,
+        scratch: &mut PatternScratch,
+        put: &mut impl FnMut(Span),
+    ) {
+        let Some(kernel) = self.of_footprint(footprint) else {
+            return SmoothWindow.draw(footprint, clip, &mut (), put);
+        };
+        let Some([left, top, right, bottom]) = StreakSet::bounds(self, &kernel) else { return };
+        let origin = [left.max(clip.left), top.max(clip.top)];
+        let (end, floor) = (right.min(clip.right), bottom.min(clip.bottom));
+        if end <= origin[0] || floor <= origin[1] {
+            return;
+        }
+        let [width, height] = [(end - origin[0]) as usize, (floor - origin[1]) as usize];
+        let PatternScratch { patch, streak } = scratch;
+        patch.clear();
+        // The last span's padding may reach past the last row.
+        patch.resize(width * height + BLOCK, 0.0);
+        self.add(&kernel, &mut Tile { origin, width, alpha: &mut patch[..width * height] }, streak);
+        for (row, y) in (0..height).zip(origin[1]..) {
+            let line = &patch[row * width..][..width];
+            // A leaning streak is a narrow part of its box.
+            let lit = |value: &f32| *value > 0.0;
+            let (Some(first), Some(last)) = (line.iter().position(lit), line.iter().rposition(lit)) else {
+                continue;
+            };
+            let count = last + 1 - first;
+            let from = row * width + first;
+            let padded = &mut patch[from..from + count.next_multiple_of(BLOCK)];
+            padded[..count].iter_mut().for_each(|share| *share = share.max(0.0));
+            put(Span { x: origin[0] + first as i32, y, count, shares: padded });
+        }
+    }
+}
+
+impl StreakSet {
+    /// The streak that stands for a footprint; `None` where there is no light to draw it with.
+    fn of_footprint(&self, footprint: &Footprint) -> Option<streak::Kernel> {
+        let pattern = footprint.pattern.checked_rem(self.len() as u32)?;
+        let mean = self.mean(pattern);
+        let (length, width) = (footprint.length + footprint.width, footprint.width);
+        let weight = (1.0 / (length * width * f64::from(mean))) as f32;
+        (mean > 0.0 && weight.is_finite()).then(|| streak::Kernel {
+            middle: footprint.centre.map(|place| place as f32),
+            direction: footprint.axis.map(|part| part as f32),
+            length: length as f32,
+            width: width as f32,
+            pattern,
+            weight,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use crate::shade::streak::tests::every_kind;
+    use squall_formats::section::streak::{Pattern, StreakSection};
+
+    const SIDE: i32 = 320;
+    const ALL: Clip = Clip { left: 0, top: 0, right: SIDE, bottom: SIDE };
+    /// Linear tables over angle, softness and place, and what is cut off below zero.
+    const ENERGY: f64 = 2e-2;
+
+    /// Every kind but the flat window, whose hard border no lattice sums exactly.
+    fn set() -> StreakSet {
+        let mut section = every_kind();
+        section.patterns.retain(|streak| match &streak.pattern {
+            Pattern::Cosines(cosines) => cosines.window != squall_formats::section::streak::Window::Flat,
+            Pattern::Separable(_) => true,
+        });
+        StreakSet::new(&section)
+    }
+
+    /// What lands in the picture; each pixel may be put once, inside the clip, and padded.
+    fn pixels(set: &StreakSet, footprint: &Footprint, clip: Clip, scratch: &mut PatternScratch) -> Vec<f32> {
+        let mut pixels = vec![f32::NAN; (SIDE * SIDE) as usize];
+        Kernel::draw(set, footprint, clip, scratch, &mut |span| {
+            assert!(span.count >= 1 && span.shares.len() % BLOCK == 0 && span.shares.len() >= span.count);
+            assert!(span.x >= clip.left && span.x + span.count as i32 <= clip.right);
+            assert!((clip.top..clip.bottom).contains(&span.y));
+            for (i, &share) in span.shares[..span.count].iter().enumerate() {
+                let pixel = &mut pixels[(span.y * SIDE + span.x) as usize + i];
+                assert!(pixel.is_nan() && share >= 0.0);
+                *pixel = share;
+            }
+        });
+        pixels.into_iter().map(|value| if value.is_nan() { 0.0 } else { value }).collect()
+    }
+
+    fn sum(values: &[f32]) -> f64 {
+        values.iter().map(|&value| f64::from(value)).sum()
+    }
+
+    fn footprint(random: &mut Random, length: f64, width: f64) -> Footprint {
+        let angle = random.range(0.0, 7.0);
+        Footprint {
+            centre: [random.range(159.0, 161.0), random.range(159.0, 161.0)],
+            axis: [libm::cos(angle), libm::sin(angle)],
+            length,
+            width,
+            pattern: random.bits() as u32,
+        }
+    }
+
+    #[test]
+    fn shares_of_any_streak_add_up_to_one() {
+        let (set, mut random, mut scratch) = (set(), Random::new(5), PatternScratch::default());
+        for _ in 0..300 {
+            let (length, width) = (random.range(20.0, 180.0), libm::exp2(random.range(-5.0, 4.0)));
+            let footprint = footprint(&mut random, length, width);
+            let total = sum(&pixels(&set, &footprint, ALL, &mut scratch));
+            assert!((total - 1.0).abs() < ENERGY, "{footprint:?}: {total}");
+        }
+    }
+
+    #[test]
+    fn a_streak_narrower_than_a_pixel_shares_itself_between_the_columns_it_stands_in() {
+        /// Tables along have three nodes a pixel.
+        const TABLE: f64 = 5e-3;
+        /// How near to a border a pixel's edge is soft: half of the narrowest box that stands for none.
+        const SOFT: f64 = 0.125;
+        let (set, mut scratch) = (set(), PatternScratch::default());
+        for width in [0.02, 0.1, 0.4] {
+            for step in 0..=10 {
+                // From the middle of column 159 to the middle of column 160.
+                let centre = [159.5 + 0.1 * f64::from(step), 160.2];
+                let footprint = Footprint { centre, axis: [0.0, 1.0], length: 60.0, width, pattern: 0 };
+                let drawn = pixels(&set, &footprint, ALL, &mut scratch);
+                let column =
+                    |x: i32| (0..SIDE).map(|y| f64::from(drawn[(y * SIDE + x) as usize])).sum::<f64>();
+                // All of it stands in one column unless the border runs through it.
+                let border = 160.0 - centre[0];
+                if border.abs() > width + SOFT {
+                    let here = column(if border > 0.0 { 159 } else { 160 });
+                    assert!((here - 1.0).abs() < TABLE, "width {width}, step {step}: {here}");
+                } else {
+                    let both = column(159) + column(160);
+                    assert!((both - 1.0).abs() < TABLE, "width {width}, step {step}: {both}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_streak_cut_into_tiles_is_the_same_streak_and_stays_within_its_bounds() {
+        /// Of the largest share: light along a thin streak is linear over four pixels, counted from the clip.
+        const LINES: f32 = 1e-3;
+        let (set, mut random, mut scratch) = (set(), Random::new(6), PatternScratch::default());
+        for _ in 0..24 {
+            let (length, width) = (random.range(20.0, 90.0), libm::exp2(random.range(-3.0, 4.0)));
+            let footprint = footprint(&mut random, length, width);
+            let whole = pixels(&set, &footprint, ALL, &mut scratch);
+            let mut tiled = vec![0.0; whole.len()];
+            for (left, top) in (0..64).map(|i| (40 * (i % 8), 40 * (i / 8))) {
+                let clip = Clip { left, top, right: left + 40, bottom: top + 40 };
+                let tile = pixels(&set, &footprint, clip, &mut scratch);
+                tiled.iter_mut().zip(tile).for_each(|(sum, value)| *sum += value);
+            }
+            let allowed = LINES * whole.iter().copied().fold(0.0, f32::max);
+            let bounds = Kernel::bounds(&set, &footprint).unwrap();
+            for (i, (&a, &b)) in whole.iter().zip(&tiled).enumerate() {
+                let (x, y) = (i as i32 % SIDE, i as i32 / SIDE);
+                let within = x >= bounds.left && x < bounds.right && y >= bounds.top && y < bounds.bottom;
+                assert!((a - b).abs() <= allowed && (within || a == 0.0), "{footprint:?} {x} {y}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn working_memory_stops_growing() {
+        let (set, mut scratch) = (set(), PatternScratch::default());
+        let mut round = |scratch: &mut PatternScratch| {
+            let mut random = Random::new(7);
+            for _ in 0..50 {
+                let (length, width) = (random.range(20.0, 90.0), libm::exp2(random.range(-3.0, 4.0)));
+                let footprint = footprint(&mut random, length, width);
+                Kernel::draw(&set, &footprint, ALL, scratch, &mut |_| ());
+            }
+            scratch.bytes()
+        };
+        let warm = round(&mut scratch);
+        assert!(warm > 0 && round(&mut scratch) == warm);
+    }
+
+    #[test]
+    fn a_set_without_light_is_drawn_plainly() {
+        let mut dark = every_kind();
+        dark.patterns.truncate(1);
+        dark.patterns[0].mean = 0.0;
+        for section in [StreakSection::default(), dark] {
+            let set = StreakSet::new(&section);
+            let footprint = footprint(&mut Random::new(8), 50.0, 1.0);
+            let mut plain = vec![];
+            SmoothWindow.draw(&footprint, ALL, &mut (), &mut |span| plain.push((span.x, span.y, span.count)));
+            let mut drawn = vec![];
+            let scratch = &mut PatternScratch::default();
+            Kernel::draw(&set, &footprint, ALL, scratch, &mut |span| {
+                drawn.push((span.x, span.y, span.count))
+            });
+            assert!(!plain.is_empty() && plain == drawn);
+            assert_eq!(Kernel::bounds(&set, &footprint), SmoothWindow.bounds(&footprint));
+        }
+    }
+}
