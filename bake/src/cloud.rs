@@ -1,7 +1,8 @@
 //! Light of point sources and beams in a cloud grid, scattered any number of times: the slow truth behind the tables.
 //!
 //! The solve grid cuts every cell of the scene into `refine`³ equal parts that inherit its extinction; results are plain
-//! means over the scene's own cells. Direct light is traced exactly, the rest swept (squall_runtime::transport).
+//! means over the scene's own cells. Direct light is traced exactly, the rest swept (squall_runtime::transport). What comes
+//! of it on the reference scenes, and the defaults' reasons, are in docs/transport.md.
 //!
 //! | symbol | name | unit |
 //! | φ | fluence rate ∫ L dΩ | W/m² |
@@ -10,21 +11,22 @@
 pub mod image;
 
 use crate::error::BakeError;
+use crate::progress::Progress;
 use glam::DVec3;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 use squall_runtime::RuntimeError;
-use squall_runtime::transport::Cloud;
 use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::SimdLevel;
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::{Solvable, SolveBuffers, SolveSettings, Solver};
 use squall_runtime::transport::sweep::Leak;
+use squall_runtime::transport::{Boundary, Cloud};
 
 /// How finely to solve.
 #[derive(Clone, Copy, Debug)]
 pub struct TruthSettings {
-    /// Every cell is cut into this many parts along each axis.
+    /// Every cell is cut into this many parts along each axis; 0 leaves it to [`automatic_refinement`].
     pub refine: u32,
     /// Rays per boundary face of the solve grid and axis, for direct light.
     pub samples: u32,
@@ -37,17 +39,38 @@ pub struct TruthSettings {
 impl Default for TruthSettings {
     fn default() -> Self {
         Self {
-            refine: 4,
+            refine: 0,
             samples: 2,
-            high_degree: false,
+            high_degree: true,
             solve: SolveSettings {
-                quadrature: Quadrature::Lebedev50,
+                quadrature: Quadrature::DoubleGauss { polar: 4, azimuths: 16 },
                 tolerance: 1e-4,
                 level: SimdLevel::Best,
                 ..SolveSettings::default()
             },
         }
     }
+}
+
+/// Optical depth of a solve cell, after delta scaling and along its longest edge, that automatic refinement aims at: the
+/// reference scenes' fields and pictures then come out within a few per cent (docs/transport.md).
+const SUB_CELL_DEPTH: f64 = 0.3;
+/// Least automatic refinement: a lamp in the middle of a cell must not have its brightest light averaged over that cell.
+const LEAST_REFINEMENT: u32 = 2;
+/// Most automatic refinement.
+const MOST_REFINEMENT: u32 = 8;
+/// Most solve cells that automatic refinement makes of a grid: some 1.5 GB and a few minutes.
+const AUTOMATIC_CELLS: usize = 1 << 21;
+
+/// Refinement for a cloud that nobody chose one for: the least from 2 to 8 whose densest sub-cell is at most .3 deep after
+/// delta scaling (degree 3), or the largest below it that makes at most 2²¹ sub-cells; 1 where even 2 would make more.
+pub fn automatic_refinement(cloud: &Cloud) -> u32 {
+    let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
+    let edge = cloud.cell_m.iter().fold(0.0f64, |most, &e| most.max(e));
+    let depth = f64::from(densest) * edge * cloud.scaled(3).extinction_scale;
+    let wanted = (depth / SUB_CELL_DEPTH).ceil().clamp(1.0, f64::from(MOST_REFINEMENT)) as u32;
+    let fits = |&refine: &u32| cloud.shape.len() * (refine * refine * refine) as usize <= AUTOMATIC_CELLS;
+    (2..=wanted.max(LEAST_REFINEMENT)).rev().find(fits).unwrap_or(1)
 }
 
 /// Everything that one light does in a cloud, on the solve grid.
@@ -69,6 +92,8 @@ pub struct Truth {
     pub extinction_scale: f64,
     /// The light solved for.
     pub light: Light,
+    /// Parts that every cell was cut into along each axis.
+    pub refine: u32,
     /// How it went.
     pub report: TruthReport,
 }
@@ -98,58 +123,89 @@ pub struct TruthReport {
 /// function's convolution with itself; the rest by the Legendre series of its moments up to degree 3. Towards each
 /// of `directions` (unit vectors of travel) the direct part of J is collected ray by ray.
 ///
-/// Errors: settings out of range, or a residual above the tolerance after the allowed sweeps.
+/// Errors: settings out of range, a light that no ray can stand for, a residual above the tolerance after the allowed
+/// sweeps, an interruption.
 pub fn solve_light(
     cloud: &Cloud,
     light: Light,
     directions: &[DVec3],
     settings: &TruthSettings,
+    progress: &dyn Progress,
 ) -> Result<Truth, BakeError> {
+    if let (Light::Beam { direction, .. }, Boundary::PeriodicXy) = (light, cloud.boundary)
+        && direction.z.abs() < LEAST_SLOPE
+    {
+        let wanted = "a beam that comes down or up through a grid without sides";
+        return Err(RuntimeError::argument("beam direction", wanted, direction).into());
+    }
     if settings.high_degree {
-        solve_with_degree::<MAX_HARMONICS>(cloud, light, directions, settings)
+        solve_with_degree::<MAX_HARMONICS>(cloud, light, directions, settings, progress)
     } else {
-        solve_with_degree::<4>(cloud, light, directions, settings)
+        solve_with_degree::<4>(cloud, light, directions, settings, progress)
     }
 }
+
+/// |cosine| to the vertical below which a beam through a grid without sides is as good as horizontal: it would pass hundreds
+/// of grid widths before it leaves.
+const LEAST_SLOPE: f64 = 1e-3;
 
 fn solve_with_degree<const M: usize>(
     cloud: &Cloud,
     light: Light,
     directions: &[DVec3],
     settings: &TruthSettings,
+    progress: &dyn Progress,
 ) -> Result<Truth, BakeError>
 where
     f32: Solvable<M>,
 {
-    let factors = [settings.refine; 3];
-    let fine = cloud.refined(factors)?;
-    if fine.shape.len() > MAX_SOLVE_CELLS {
-        let found = format!("{} at refinement {}", fine.shape.len(), settings.refine);
-        let wanted = format!("at most {MAX_SOLVE_CELLS} cells");
-        return Err(RuntimeError::argument("solve grid", wanted, found).into());
+    let refine = if settings.refine == 0 { automatic_refinement(cloud) } else { settings.refine };
+    let factors = [refine; 3];
+    let most = MAX_SOLVE_BYTES / (9 * M * size_of::<f32>());
+    let cells = factors.iter().try_fold(cloud.shape.len(), |cells, &f| cells.checked_mul(f as usize));
+    if cells.is_none_or(|cells| cells > most) {
+        let found = format!("{} × {refine}³", cloud.shape.len());
+        return Err(RuntimeError::argument("solve grid", format!("at most {most} cells"), found).into());
     }
+    let fine = cloud.refined(factors)?;
     let solver = Solver::<M>::new(&fine, settings.solve)?;
     let scaled = solver.scaled();
     let tracer = Tracer::new(&fine, scaled.extinction_scale);
     let mut direct = DirectField::<M>::new(&fine, directions);
-    let (mut power_in, mut direct_out, mut missed) = (0.0, 0.0, 0.0);
+    let (mut power_in, mut direct_out) = (0.0, 0.0);
+    progress.begin("direct light", 1);
+    let (mut rays, mut stopped) = (0u64, false);
     tracer.rays(light, settings.samples, |ray| {
+        rays += 1;
+        // Asking for every ray would cost as much as a short one.
+        stopped = stopped || rays % 1024 == 0 && progress.interrupted();
+        if stopped {
+            return;
+        }
         power_in += ray.power;
         let (_, left) = tracer.trace(ray, &mut direct);
         direct_out += left;
-        if left == ray.power {
-            missed += left;
-        }
     });
-    // Rays that met no extinction count neither as in nor as out.
-    let _ = missed;
+    progress.check()?;
     let volume = fine.cell_volume() as f32;
     let mean = |sum: f32| sum / volume;
     let sources: Vec<[f32; M]> = direct.moments.iter().map(|row| row.map(mean)).collect();
     let mut leak: Leak = std::array::from_fn(|_| vec![0.0]);
     let mut moments = Vec::new();
     let mut buffers = SolveBuffers::default();
-    let report = solver.solve::<f32>(&sources, &mut moments, &mut buffers, Some(&mut leak));
+    progress.begin("scattered light", STEPS);
+    let (mut shown, tolerance) = (0, settings.solve.tolerance);
+    let mut watch = |over: f64| {
+        // Residuals fall about as fast in every sweep, on a logarithmic scale.
+        let left = (libm::log(over.max(1.0)) / libm::log(1.0 / tolerance.min(0.5))).clamp(0.0, 1.0);
+        let step = ((1.0 - left) * STEPS as f64) as u64;
+        progress.advance(step.saturating_sub(shown));
+        shown = shown.max(step);
+        !progress.interrupted()
+    };
+    let report =
+        solver.solve_watched::<f32>(&sources, &mut moments, &mut buffers, Some(&mut leak), &mut watch);
+    progress.check()?;
     let lane = report.lanes[0];
     if !lane.converged {
         return Err(BakeError::NotReached {
@@ -177,6 +233,7 @@ where
         moments,
         extinction_scale: scaled.extinction_scale,
         light,
+        refine,
         report: TruthReport {
             residual: lane.residual,
             sweeps: report.sweeps,
@@ -190,16 +247,19 @@ where
     })
 }
 
-/// A solve holds about nine vectors of four moments and one of sixteen: this many cells take some 12 GB.
-const MAX_SOLVE_CELLS: usize = 1 << 26;
+/// Steps of the progress that a solve reports.
+const STEPS: u64 = 100;
+/// Most memory that a solve may take; it holds about nine vectors of its source moments.
+const MAX_SOLVE_BYTES: usize = 12 << 30;
 
 impl Truth {
     /// Scattered fluence rate per cell of the scene, W/m².
     pub fn phi_scattered(&self) -> Vec<f32> {
         let y0 = harmonics([0.0, 0.0, 1.0])[0] as f32;
-        let fine: Vec<f32> = (0..self.moments.len())
-            .map(|cell| self.moments[cell][0] / y0 + (self.scaled[cell] - self.unscattered[cell]))
-            .collect();
+        // What the scaled medium counts as unscattered is at least what was: less is round-off of the sums.
+        let forward = |cell: usize| (self.scaled[cell] - self.unscattered[cell]).max(0.0);
+        let fine: Vec<f32> =
+            (0..self.moments.len()).map(|cell| self.moments[cell][0] / y0 + forward(cell)).collect();
         self.parent.means(&fine, 1)
     }
 

@@ -8,6 +8,7 @@ pub mod cloud;
 pub mod compress;
 pub mod density;
 pub mod error;
+pub mod fields;
 pub mod input;
 pub mod output;
 pub mod picture;

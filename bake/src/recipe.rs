@@ -13,6 +13,7 @@ use crate::input::read_text;
 use crate::input::scene::Optics;
 use crate::response::ResponseSettings;
 use crate::streak::FitSettings;
+pub use file::parse_directions;
 pub use place::RecipeError;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::response::DistantKind;

@@ -53,3 +53,5 @@ mod scenery;
 mod streaks;
 #[cfg(test)]
 mod transport;
+#[cfg(test)]
+mod truth;

@@ -1,6 +1,7 @@
 //! One file per subcommand; no mathematics in any of them.
 
 mod bake;
+mod folder;
 mod inspect;
 mod picture;
 mod progress;

@@ -26,6 +26,22 @@ pub struct Scene {
     pub cameras: Vec<(String, Camera)>,
 }
 
+impl Scene {
+    /// The light called `name`. Errors: there is none; the message names those that there are.
+    pub fn light(&self, name: &str) -> Result<Light, BakeError> {
+        let found = self.lights.iter().find(|(known, _)| known == name);
+        found.map(|(_, light)| *light).ok_or_else(|| {
+            let names: Vec<_> = self.lights.iter().map(|(name, _)| format!("\"{name}\"")).collect();
+            let wanted = match names.as_slice() {
+                [] => "a scene with lights".to_owned(),
+                [one] => one.clone(),
+                [most @ .., last] => format!("{} or {last}", most.join(", ")),
+            };
+            BakeError::input(&self.file, "lamp", wanted, format!("\"{name}\""))
+        })
+    }
+}
+
 #[derive(Deserialize)]
 struct SceneFile {
     dims_xyz: Option<[u32; 3]>,
@@ -147,15 +163,38 @@ pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
     let cloud = cloud.checked().map_err(|error| named(path, error))?;
     let mut lights = Vec::new();
     for (i, light) in file.lights.iter().enumerate() {
-        let name = light.name.clone().unwrap_or_else(|| format!("light {i}"));
-        lights.push((name, light.read(path, i)?));
+        let name = light.name.clone().unwrap_or_else(|| format!("light{i}"));
+        lights.push((name, light.read(path, &format!("lights[{i}]"))?));
     }
     let mut cameras = Vec::new();
     for (i, camera) in file.cameras.iter().enumerate() {
         let name = camera.name.clone().unwrap_or_else(|| format!("camera{i}"));
         cameras.push((name, camera.read(path, &format!("cameras[{i}]"))?));
     }
+    check_names(path, "lights", lights.iter().map(|(name, _)| name))?;
+    check_names(path, "cameras", cameras.iter().map(|(name, _)| name))?;
     Ok(Scene { file: path.to_owned(), inputs: vec![grid_path], cloud, lights, cameras })
+}
+
+/// Names tell lights and cameras apart, on the command line and in the names of files.
+fn check_names<'a>(
+    path: &Path,
+    list: &str,
+    names: impl Iterator<Item = &'a String>,
+) -> Result<(), BakeError> {
+    let mut seen = std::collections::HashSet::new();
+    for (i, name) in names.enumerate() {
+        let bad = |wanted: &str| {
+            Err(BakeError::input(path, format!("{list}[{i}].name"), wanted, format!("{name:?}")))
+        };
+        if name.is_empty() || name.len() > 100 || name.chars().any(|c| c.is_control() || "/\\".contains(c)) {
+            return bad("1 to 100 characters that can be part of a file's name");
+        }
+        if !seen.insert(name) {
+            return bad("a name of its own");
+        }
+    }
+    Ok(())
 }
 
 /// More cells than this are refused before memory is taken.
@@ -166,7 +205,7 @@ pub fn read_lamps(path: &Path) -> Result<Vec<(DVec3, f64)>, BakeError> {
     let list: Vec<LightFile> = read_json(path, "a list of lamps (LAMPS.json)")?;
     let mut lamps = Vec::with_capacity(list.len());
     for (i, lamp) in list.iter().enumerate() {
-        match lamp.read(path, i)? {
+        match lamp.read(path, &format!("[{i}]"))? {
             Light::Point { position, intensity } => lamps.push((position, intensity)),
             Light::Beam { .. } => {
                 return Err(BakeError::input(path, format!("[{i}].type"), "\"point\"", "\"beam\""));
@@ -198,25 +237,25 @@ fn named(path: &Path, error: squall_runtime::RuntimeError) -> BakeError {
 }
 
 impl LightFile {
-    fn read(&self, path: &Path, index: usize) -> Result<Light, BakeError> {
+    fn read(&self, path: &Path, place: &str) -> Result<Light, BakeError> {
         let bad = |field: &str, wanted: &str, found: String| {
-            BakeError::input(path, format!("lights[{index}].{field}"), wanted, found)
+            BakeError::input(path, format!("{place}.{field}"), wanted, found)
         };
-        let finite = |field: &str, value: Option<[f64; 3]>| -> Result<DVec3, BakeError> {
-            let value = value.map(DVec3::from_array).filter(|v| v.is_finite());
-            value.ok_or_else(|| bad(field, "three finite numbers", format!("{value:?}")))
+        let vector = |field: &str, value: Option<[f64; 3]>| -> Result<DVec3, BakeError> {
+            value.map(DVec3::from_array).ok_or_else(|| bad(field, "three numbers", "nothing".into()))
         };
         let power = |field: &str, value: Option<f64>| -> Result<f64, BakeError> {
-            let good = value.filter(|v| v.is_finite() && *v >= 0.0);
-            good.ok_or_else(|| bad(field, "finite and not negative", format!("{value:?}")))
+            let value = value.ok_or_else(|| bad(field, "a number", "nothing".into()))?;
+            // JSON has no infinities and its reader refuses numbers that round to one.
+            if value >= 0.0 { Ok(value) } else { Err(bad(field, "not negative", value.to_string())) }
         };
         match self.kind.as_deref() {
             None | Some("point") => Ok(Light::Point {
-                position: finite("position_m", self.position_m)?,
+                position: vector("position_m", self.position_m)?,
                 intensity: power("intensity_W_per_sr", self.intensity)?,
             }),
             Some("beam") => {
-                let direction = finite("direction", self.direction)?;
+                let direction = vector("direction", self.direction)?;
                 let direction = direction.try_normalize();
                 Ok(Light::Beam {
                     direction: direction

@@ -247,29 +247,32 @@ impl<'a> Tracer<'a> {
                         if distance <= 0.0 {
                             continue;
                         }
-                        let corner = |i: usize, j: usize| -> f64 {
-                            let a = cloud.origin_m[u] + i as f64 * step[0] - position[u];
-                            let b = cloud.origin_m[v] + j as f64 * step[1] - position[v];
-                            // Solid angle of the rectangle between the source's foot and this corner.
-                            libm::atan(a * b / (distance * (a * a + b * b + distance * distance).sqrt()))
+                        // The light's coordinates within the plane are the origin.
+                        let edge = |axis: usize, i: usize, step: f64| {
+                            cloud.origin_m[axis] + i as f64 * step - position[axis]
                         };
+                        let corner = |i, j| corner(edge(u, i, step[0]), edge(v, j, step[1]), distance);
                         let mut below: Vec<f64> = (0..=columns).map(|i| corner(i, 0)).collect();
                         for j in 0..rows {
                             let above: Vec<f64> = (0..=columns).map(|i| corner(i, j + 1)).collect();
                             for i in 0..columns {
                                 let solid_angle = above[i + 1] - above[i] - below[i + 1] + below[i];
-                                let mut target = DVec3::ZERO;
-                                target[axis] = plane;
-                                target[u] = cloud.origin_m[u] + (i as f64 + 0.5) * step[0];
-                                target[v] = cloud.origin_m[v] + (j as f64 + 0.5) * step[1];
-                                let direction = (target - position).normalize();
-                                if solid_angle > 0.0 {
+                                let window = Window {
+                                    u: [edge(u, i, step[0]), edge(u, i + 1, step[0])],
+                                    v: [edge(v, j, step[1]), edge(v, j + 1, step[1])],
+                                    distance,
+                                };
+                                window.split(solid_angle, 0, &mut |window, solid_angle| {
+                                    let mut direction = DVec3::ZERO;
+                                    direction[axis] = distance * side;
+                                    direction[u] = 0.5 * (window.u[0] + window.u[1]);
+                                    direction[v] = 0.5 * (window.v[0] + window.v[1]);
                                     emit(PowerRay {
                                         origin: position,
-                                        direction,
+                                        direction: direction.normalize(),
                                         power: intensity * solid_angle,
                                     });
-                                }
+                                });
                             }
                             below = above;
                         }
@@ -298,6 +301,52 @@ impl<'a> Tracer<'a> {
                         }
                     }
                 }
+            }
+        }
+    }
+}
+
+/// A rectangle in a plane `distance` from a source, with the source's foot as origin.
+#[derive(Clone, Copy)]
+struct Window {
+    u: [f64; 2],
+    v: [f64; 2],
+    distance: f64,
+}
+
+/// Largest share of the sphere that one ray stands for, sr: a face right beside the source fills half the sphere, and a ray
+/// through its middle would graze it.
+const WIDEST: f64 = 0.02;
+/// Halvings of a face at most.
+const DEEPEST: u32 = 24;
+
+/// Solid angle of the rectangle between the foot and corner (a, b).
+fn corner(a: f64, b: f64, distance: f64) -> f64 {
+    libm::atan(a * b / (distance * (a * a + b * b + distance * distance).sqrt()))
+}
+
+impl Window {
+    fn solid_angle(&self) -> f64 {
+        let corner = |i: usize, j: usize| corner(self.u[i], self.v[j], self.distance);
+        corner(1, 1) - corner(0, 1) - corner(1, 0) + corner(0, 0)
+    }
+
+    /// Calls `emit` for parts of the window none of which looks wide from the source.
+    fn split(self, solid_angle: f64, depth: u32, emit: &mut impl FnMut(Window, f64)) {
+        if solid_angle <= WIDEST || depth == DEEPEST {
+            if solid_angle > 0.0 {
+                emit(self, solid_angle);
+            }
+            return;
+        }
+        let halves = |range: [f64; 2]| {
+            let middle = 0.5 * (range[0] + range[1]);
+            [[range[0], middle], [middle, range[1]]]
+        };
+        for v in halves(self.v) {
+            for u in halves(self.u) {
+                let part = Window { u, v, ..self };
+                part.split(part.solid_angle(), depth + 1, emit);
             }
         }
     }

@@ -202,6 +202,20 @@ impl<const M: usize> Solver<M> {
         buffers: &mut SolveBuffers<P, M>,
         leak: Option<&mut Leak>,
     ) -> BatchReport {
+        self.solve_watched(direct, gathered, buffers, leak, &mut |_| true)
+    }
+
+    /// [`Solver::solve`] for those who want to see it come closer, or to stop it: `watch` is told after each sweep the
+    /// largest residual over its goal among the lanes still at work, and ends the solve with `false`. The lanes then hold
+    /// what they had reached.
+    pub fn solve_watched<P: Lanes>(
+        &self,
+        direct: &[[P; M]],
+        gathered: &mut Vec<[P; GATHERED]>,
+        buffers: &mut SolveBuffers<P, M>,
+        leak: Option<&mut Leak>,
+        watch: &mut dyn FnMut(f64) -> bool,
+    ) -> BatchReport {
         let count = self.cells.extinction.len();
         assert_eq!(direct.len(), count);
         buffers.reset(count);
@@ -224,10 +238,16 @@ impl<const M: usize> Solver<M> {
             if done || budget == 0 {
                 break;
             }
-            let round = Minres { solver: self, buffers, residual: &residual, goals: &goals, budget };
+            let mut stopped = false;
+            let mut seen = |over: f64| {
+                stopped |= !watch(over);
+                !stopped
+            };
+            let watch: &mut dyn FnMut(f64) -> bool = &mut seen;
+            let round = Minres { solver: self, buffers, residual: &residual, goals: &goals, budget, watch };
             let used = run(self.settings.level, round);
             sweeps += used;
-            if used == 0 {
+            if used == 0 || stopped {
                 break;
             }
         }
@@ -341,6 +361,7 @@ struct Minres<'a, P, const M: usize> {
     residual: &'a [f64],
     goals: &'a [f64],
     budget: u32,
+    watch: &'a mut dyn FnMut(f64) -> bool,
 }
 
 /// The rotations of one lane's recurrence (Paige and Saunders 1975).
@@ -471,6 +492,11 @@ impl<P: Lanes, const M: usize> Kernel for Minres<'_, P, M> {
             // The newest vector becomes the one before, the swept one the newest.
             std::mem::swap(before, newest);
             std::mem::swap(newest, swept);
+            let over =
+                |(lane, goal): (&Recurrence, &f64)| if lane.active { lane.eta.abs() / goal } else { 0.0 };
+            if !(self.watch)(lanes.iter().zip(self.goals).map(over).fold(0.0, f64::max)) {
+                break;
+            }
         }
         used
     }

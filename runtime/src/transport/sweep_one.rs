@@ -119,6 +119,10 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
                     let y_faces = &mut y_faces[..nx];
                     let z_faces = &mut z_faces[y * nx..(y + 1) * nx];
                     let mut along_x = [dark.load(simd); 2];
+                    // A − 1 and A s for the three axes, and the inverse that follows: four divisions, which the parts of
+                    // one cell of a refined grid share.
+                    let (mut keep, mut coupling) = ([[dark.load(simd); 3]; 2], [[dark.load(simd); 3]; 2]);
+                    let (mut inverse, mut prepared) = ([dark.load(simd); 2], [f32::NAN; 2]);
                     for step in 0..nx {
                         let at = [step, nx - 1 - step];
                         for side in 0..2 {
@@ -128,20 +132,23 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
                             for m in 1..M {
                                 q = q + bundle.basis[m].load(simd) * from(m);
                             }
-                            // A − 1 and A s for the three axes.
-                            let thick = D::splat(thickness * extinction[x] + tiny).load(simd);
-                            let (mut keep, mut coupling) = ([thick; 3], [thick; 3]);
-                            for axis in 0..3 {
-                                let speed = bundle.speed[axis].load(simd);
-                                let stiff = speed * stiffness;
-                                keep[axis] = stiff * D::reciprocal(simd, thick + stiff);
-                                coupling[axis] = speed + speed * keep[axis];
+                            if extinction[x] != prepared[side] {
+                                let thick = D::splat(thickness * extinction[x] + tiny).load(simd);
+                                let mut sum = D::splat(extinction[x]).load(simd);
+                                for axis in 0..3 {
+                                    let speed = bundle.speed[axis].load(simd);
+                                    let stiff = speed * stiffness;
+                                    keep[side][axis] = stiff * D::reciprocal(simd, thick + stiff);
+                                    coupling[side][axis] = speed + speed * keep[side][axis];
+                                    sum = sum + coupling[side][axis];
+                                }
+                                inverse[side] = D::reciprocal(simd, sum);
+                                prepared[side] = extinction[x];
                             }
+                            let (keep, coupling, inverse) = (&keep[side], &coupling[side], inverse[side]);
                             let along_y = y_faces[x][side].load(simd);
                             let along_z = z_faces[x][side].load(simd);
                             let q = q + along_y * coupling[1] + along_z * coupling[2];
-                            let loss = D::splat(extinction[x]).load(simd);
-                            let inverse = D::reciprocal(simd, loss + coupling[0] + coupling[1] + coupling[2]);
                             let psi = (q + along_x[side] * coupling[0]) * inverse;
                             let made = inverse + inverse * keep[0];
                             along_x[side] = q * made + along_x[side] * (made * coupling[0] - keep[0]);
