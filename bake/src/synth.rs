@@ -2,4 +2,5 @@
 
 pub mod cloud;
 pub mod streak;
+pub mod stroke;
 pub mod town;

@@ -3,6 +3,7 @@
 use super::progress::Bars;
 use squall_bake::synth::cloud::{CloudKind, synth_cloud};
 use squall_bake::synth::streak::write_streaks;
+use squall_bake::synth::stroke::stroke_json;
 use squall_bake::synth::town::synth_town;
 use squall_bake::{input, output};
 use squall_formats::GridShape;
@@ -16,8 +17,33 @@ pub enum Synth {
     Cloud(Cloud),
     /// A small town with a wet road, lamps and hills, as JSON.
     Town(Town),
+    /// A lightning stroke as points of light (LAMPS.json), for `squall relight`.
+    Stroke(StrokeArgs),
     /// Pictures of streaks of raindrops that oscillate and refract (DIR/drop00.png and so on).
     Streaks(Streaks),
+}
+
+/// Arguments of `squall synth stroke`.
+#[derive(clap::Args)]
+pub struct StrokeArgs {
+    /// The JSON file.
+    #[arg(short, long, value_name = "OUT")]
+    out: PathBuf,
+    /// Seed; the same seed gives the same bytes.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where the main channel starts, m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    from: [f64; 3],
+    /// Where it ends, m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    to: [f64; 3],
+    /// Radiant intensity of the whole stroke, W/sr.
+    #[arg(long, default_value_t = 1.0)]
+    intensity: f64,
+    /// Distance between points, m: 0 makes one of every segment.
+    #[arg(long, default_value_t = 0.0)]
+    spacing: f64,
 }
 
 /// Arguments of `squall synth streaks`.
@@ -81,6 +107,14 @@ fn parse_cells(text: &str) -> Result<GridShape, String> {
     }
 }
 
+fn parse_point(text: &str) -> Result<[f64; 3], String> {
+    let parts: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+    match parts[..] {
+        [x, y, z] if text.split(',').count() == 3 => Ok([x, y, z]),
+        _ => Err("wanted three distances in metres, such as 0,13000,6000".into()),
+    }
+}
+
 fn parse_place(text: &str) -> Result<[f64; 2], String> {
     let parts: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
     match parts[..] {
@@ -106,6 +140,12 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
             let text = input::town::town_json(&synth_town(arguments.seed), &note);
             output::write_atomically(&arguments.out, |out| out.write_all(text.as_bytes()))?;
             println!("{}", arguments.out.display());
+        }
+        Synth::Stroke(arguments) => {
+            let StrokeArgs { out, seed, from, to, intensity, spacing } = arguments;
+            let text = stroke_json(seed, [from, to], intensity, spacing)?;
+            output::write_atomically(&out, |file| file.write_all(text.as_bytes()))?;
+            println!("{}", out.display());
         }
         Synth::Streaks(arguments) => {
             let bars = Bars::new()?;

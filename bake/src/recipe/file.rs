@@ -540,21 +540,22 @@ impl RainFile {
 
 impl StrokeFile {
     fn record(self) -> StrokeRecord {
+        let usual = StrokeRecord::usual();
         let mut record = StrokeRecord {
             name: self.name,
             seed: self.seed,
             from_m: self.from_m,
             to_m: self.to_m,
             segment_m: 0.0,
-            turn_rad: self.turn_deg.unwrap_or(16.0).to_radians(),
-            wander: self.wander.unwrap_or(0.15),
-            branching: self.branching.unwrap_or(0.1),
-            branch_rad: self.branch_deg.unwrap_or(35.0).to_radians(),
-            branch_length: self.branch_length.unwrap_or(0.5),
-            max_order: self.max_order.unwrap_or(3),
-            branch_intensity: self.branch_intensity.unwrap_or(0.35),
+            turn_rad: self.turn_deg.map_or(usual.turn_rad, f64::to_radians),
+            wander: self.wander.unwrap_or(usual.wander),
+            branching: self.branching.unwrap_or(usual.branching),
+            branch_rad: self.branch_deg.map_or(usual.branch_rad, f64::to_radians),
+            branch_length: self.branch_length.unwrap_or(usual.branch_length),
+            max_order: self.max_order.unwrap_or(usual.max_order),
+            branch_intensity: self.branch_intensity.unwrap_or(usual.branch_intensity),
             intensity_w_per_sr: self.intensity,
-            color: self.color.unwrap_or([0.85, 0.95, 1.2]),
+            color: self.color.unwrap_or(usual.color),
         };
         record.segment_m = self.segment_m.unwrap_or(record.length() / 100.0);
         record

@@ -82,6 +82,26 @@ impl BoltSection {
 pub const MAX_MAIN_SEGMENTS: f64 = 4096.0;
 
 impl StrokeRecord {
+    /// A channel as recipes grow it unless told otherwise; name, seed, ends and intensity are the caller's.
+    pub fn usual() -> Self {
+        Self {
+            name: String::new(),
+            seed: 1,
+            from_m: [0.0; 3],
+            to_m: [0.0; 3],
+            segment_m: 0.0,
+            turn_rad: 16f64.to_radians(),
+            wander: 0.15,
+            branching: 0.1,
+            branch_rad: 35f64.to_radians(),
+            branch_length: 0.5,
+            max_order: 3,
+            branch_intensity: 0.35,
+            intensity_w_per_sr: 0.0,
+            color: [0.85, 0.95, 1.2],
+        }
+    }
+
     /// Field, accepted range and value of the first number out of range.
     pub fn check(&self) -> Result<(), (&'static str, &'static str, String)> {
         let finite = self.from_m.iter().chain(&self.to_m).all(|v| v.is_finite());
