@@ -3,6 +3,7 @@
 mod disk;
 mod inspect;
 mod query;
+mod streaks;
 mod synth;
 
 /// Cargo looks for no tests by itself here (`autotests`), so a file that is not named above would never run.
