@@ -4,6 +4,7 @@ mod disk;
 mod inspect;
 mod query;
 mod recipe;
+mod streaks;
 mod synth;
 
 /// Cargo looks for no tests by itself here (`autotests`), so a file that is not named above would never run.

@@ -1,4 +1,4 @@
-//! The file around the sections: header, section table, alignment, checksums. Bytes: SPEC.md §1–§3.
+//! The file around the sections: header, section table, alignment, checksums. Bytes: SPEC.md §1.
 //!
 //! `read` and `write` stand beside each other. Reading never allocates more than the section table and
 //! never touches a section until it is asked for, so opening costs the same for any size of asset.

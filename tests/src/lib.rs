@@ -19,9 +19,15 @@ pub fn reference(name: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    assert!(std::env::var_os("SQUALL_REQUIRE_SHARED").is_none(), "{} is required", path.display());
-    println!("skipped: no ../shared ({name})");
+    skip("SQUALL_REQUIRE_SHARED", &format!("no ../shared ({name})"));
     None
+}
+
+/// Says aloud why a test is skipped; with the variable `required` set that is a failure.
+#[track_caller]
+pub fn skip(required: &str, why: &str) {
+    assert!(std::env::var_os(required).is_none(), "{required} is set, and there is {why}");
+    println!("skipped: {why}");
 }
 
 /// Fails unless two numbers agree to a share of the larger.
@@ -39,6 +45,8 @@ pub fn assert_close(found: f64, wanted: f64, relative: f64, what: &str) {
 mod codec;
 #[cfg(test)]
 mod frame;
+#[cfg(test)]
+mod golden;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]

@@ -159,7 +159,7 @@ fn an_exr_is_read_by_the_reference_tools() {
     write_exr(&path, &picture).unwrap();
     write_png8(&folder.path().join("picture.png"), &picture, &Tone::default()).unwrap();
     match std::process::Command::new("exrinfo").arg(&path).output() {
-        Err(_) => println!("skipped: no exrinfo (Debian package openexr)"),
+        Err(_) => crate::skip("SQUALL_REQUIRE_OPENEXR", "no exrinfo (Debian package openexr)"),
         Ok(output) => {
             let text = String::from_utf8_lossy(&output.stdout).into_owned();
             assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
