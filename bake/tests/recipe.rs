@@ -18,7 +18,11 @@ fn write_inputs(folder: &Path) {
 /// Bakes `recipe` beside sound inputs; the exit code and what it said.
 fn bake(folder: &Path, recipe: &str) -> (Option<i32>, String) {
     std::fs::write(folder.join("r.toml"), recipe).unwrap();
-    let run = Command::cargo_bin("squall").unwrap().current_dir(folder).args(["bake", "r.toml", "-o", "r.squall"]).output();
+    let run = Command::cargo_bin("squall")
+        .unwrap()
+        .current_dir(folder)
+        .args(["bake", "r.toml", "-o", "r.squall"])
+        .output();
     let run = run.unwrap();
     (run.status.code(), String::from_utf8_lossy(&run.stderr).into_owned())
 }
@@ -37,7 +41,10 @@ fn refused(recipe: &str, words: &[&str]) {
 
 #[test]
 fn a_typo_is_answered_with_the_nearest_key_and_its_place() {
-    refused(&format!("{CLOUD}[clouds.response]\nchanels = \"harmonics-1\"\n"), &["r.toml:4:1", "chanels", "channels"]);
+    refused(
+        &format!("{CLOUD}[clouds.response]\nchanels = \"harmonics-1\"\n"),
+        &["r.toml:4:1", "chanels", "channels"],
+    );
     refused(&format!("{STROKE}[veiw]\n"), &["veiw", "view"]);
 }
 
@@ -54,7 +61,10 @@ fn absurd_numbers_are_refused_where_they_stand() {
     refused(&format!("{CLOUD}g = -1.0\n"), &["g"]);
     refused("[rain.density]\nrate_mm_per_h = [200.0, 0.1]\n", &["r.toml:2:17", "rising"]);
     refused(&format!("{STROKE}turn_deg = 400.0\n"), &["r.toml:7:12", "turn_deg", "400.0"]);
-    refused(&format!("{VIEW}vertical_fov_deg = 200.0\n{STROKE}"), &["r.toml:4:20", "vertical_fov_deg", "200.0"]);
+    refused(
+        &format!("{VIEW}vertical_fov_deg = 200.0\n{STROKE}"),
+        &["r.toml:4:20", "vertical_fov_deg", "200.0"],
+    );
     refused(&format!("{VIEW}[view.rain]\nrate_mm_per_h = 1e9\n{STROKE}"), &["r.toml:5:17", "rate_mm_per_h"]);
     refused(&format!("{VIEW}size_px = [0, 720]\n{STROKE}"), &["size_px"]);
     refused(&format!("{CLOUD}[clouds.lightning]\nspacing_m = 0.001\n"), &["clouds.lightning.spacing_m"]);

@@ -5,8 +5,8 @@
 //! 1. The asset's rows become light per cell ([`light`]): the flashes' strokes, the sky's hemispheres, the sun.
 //! 2. Sky, with the cloud marched in front of it, at every pixel and in a small map for mirrors.
 //! 3. The town, lit by all of that; clear air in front of both.
-//! 4. The channels of strokes in sight ([`channel`]).
-//! 5. The rain's medium, then its streaks ([`rain`]).
+//! 4. The rain's medium, in front of it the channels of strokes in sight, dimmed by what rain is between ([`channel`]).
+//! 5. The rain's streaks ([`rain`]).
 
 mod channel;
 mod light;
@@ -243,29 +243,36 @@ impl<'a> Storm<'a> {
         }
         self.compose(camera, sky, &beyond, &memory.town, &mut picture);
         let surroundings = Surroundings::from_picture(&picture);
-        channel::draw_channels(&flashes, camera, sky, self.cloud_grid(), self.town.as_ref(), &mut picture);
+        let channels = channel::Channels {
+            flashes: &flashes,
+            camera,
+            sky,
+            cloud: self.cloud_grid(),
+            town: self.town.as_ref(),
+        };
         if let Some(section) = &self.rain {
             let rain = Rain::new(section, view.rain.seed);
-            report.streaks = rain::draw_rain(
-                &rain::Task {
-                    section,
-                    rain: &rain,
-                    patterns: &self.patterns,
-                    view,
-                    camera,
-                    sky,
-                    flashes: &flashes,
-                    cloud: self.cloud_grid(),
-                    lamps: self.town.as_ref().map_or(&[], |town| town.lamps()),
-                    has_depth: self.town.is_some(),
-                    surroundings,
-                },
-                &mut picture,
-                memory,
-            )?;
+            let task = rain::Task {
+                section,
+                rain: &rain,
+                patterns: &self.patterns,
+                view,
+                camera,
+                sky,
+                flashes: &flashes,
+                cloud: self.cloud_grid(),
+                lamps: self.town.as_ref().map_or(&[], |town| town.lamps()),
+                has_depth: self.town.is_some(),
+                surroundings,
+            };
+            let veil = rain::veil(&task, &mut picture, memory)?;
+            channels.draw(&|point| veil.left(camera, point), &mut picture);
+            report.streaks = rain::streaks(&task, &veil, &mut picture, memory)?;
         } else if view.rain.rate_mm_per_h > 0.0 {
             let found = format!("{} mm/h", view.rain.rate_mm_per_h);
             return Err(RuntimeError::argument("rain.rate_mm_per_h", "0: this asset has no rain", found));
+        } else {
+            channels.draw(&|_| 1.0, &mut picture);
         }
         memory.picture = Some(picture);
         Ok(report)

@@ -106,6 +106,6 @@ mod tests {
     fn columns_line_up_and_control_characters_show() {
         let rows = [vec!["a".into(), "10".into()], vec![plain("b\u{1b}[2J"), "7".into()]];
         let text = layout(&[Column::left("name"), Column::right("n")], &rows);
-        assert_eq!(text, "name          n\na            10\nb\\u{1b}[2J   7\n");
+        assert_eq!(text, "name         n\na           10\nb\\u{1b}[2J   7\n");
     }
 }

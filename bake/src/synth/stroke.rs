@@ -17,7 +17,12 @@ struct Lamp {
 /// `intensity`, W/sr, at least `spacing` m apart along a channel.
 ///
 /// Errors: ends closer than a metre or farther than 1000 km apart, an intensity or spacing out of range.
-pub fn stroke_json(seed: u64, ends: [[f64; 3]; 2], intensity: f64, spacing: f64) -> Result<String, BakeError> {
+pub fn stroke_json(
+    seed: u64,
+    ends: [[f64; 3]; 2],
+    intensity: f64,
+    spacing: f64,
+) -> Result<String, BakeError> {
     let mut record = StrokeRecord { seed, from_m: ends[0], to_m: ends[1], ..StrokeRecord::usual() };
     record.intensity_w_per_sr = intensity;
     record.segment_m = record.length() / 100.0;

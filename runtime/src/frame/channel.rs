@@ -10,7 +10,7 @@ use crate::shade::town::Town;
 use crate::shade::town::light::PointLight;
 use crate::transport::Cloud;
 use crate::transport::direct::Tracer;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Standard deviation of a channel's line in the picture, px: a lens's.
 const BLUR_PX: f32 = 0.62;
@@ -116,47 +116,53 @@ pub fn irradiance_at(
     (sum, way.normalize_or(DVec3::NEG_Z))
 }
 
-/// Adds the channels of `flashes` to a picture: every piece's light, spread over a lens's blur.
-pub fn draw_channels(
-    flashes: &[Flash<'_>],
-    camera: &Camera,
-    sky: &Sky,
-    cloud: Option<&Cloud>,
-    town: Option<&Town>,
-    picture: &mut Picture,
-) {
-    let Projection::Perspective { .. } = camera.projection else { return };
-    let per_metre = camera.pixels_per_metre();
-    for flash in flashes {
-        for segment in &flash.stroke.segments {
-            let middle = 0.5 * (segment.from + segment.to);
-            let distance = camera.position.distance(middle).max(1.0);
-            let seen = through(cloud, camera.position, middle);
-            if seen < FAINT {
-                continue;
-            }
-            let air = sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
-            let long = segment.from.distance(segment.to) * per_metre / distance;
-            let count = (long / SPACING_PX).ceil().clamp(1.0, MOST_POINTS);
-            // A source of I W/sr at distance d has irradiance I/d² at the eye: radiance times solid angle, and a pixel's
-            // solid angle is one over pixels per radian squared.
-            let scale = (per_metre * per_metre / (distance * distance) / count) as f32 * seen;
-            let light = flash.intensity(segment.intensity);
-            let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
-            for i in 0..count as usize {
-                let point = segment.from.lerp(segment.to, (i as f64 + 0.5) / count);
-                let Some(place) = camera.project(point) else { continue };
-                if town.is_some_and(|town| town.is_blocked(camera.position.as_vec3(), point.as_vec3())) {
+/// What channels in a picture depend on.
+pub struct Channels<'a> {
+    pub flashes: &'a [Flash<'a>],
+    pub camera: &'a Camera,
+    pub sky: &'a Sky,
+    pub cloud: Option<&'a Cloud>,
+    pub town: Option<&'a Town>,
+}
+
+impl Channels<'_> {
+    /// Adds the channels to a picture: every piece's light, spread over a lens's blur. `left` is the share of a point's
+    /// light that comes through the rain.
+    pub fn draw(&self, left: &dyn Fn(DVec3) -> f32, picture: &mut Picture) {
+        let Self { camera, sky, cloud, town, .. } = *self;
+        let Projection::Perspective { .. } = camera.projection else { return };
+        let per_metre = camera.pixels_per_metre();
+        for flash in self.flashes {
+            for segment in &flash.stroke.segments {
+                let middle = 0.5 * (segment.from + segment.to);
+                let distance = camera.position.distance(middle).max(1.0);
+                let seen = through(cloud, camera.position, middle) * left(middle);
+                if seen < FAINT {
                     continue;
                 }
-                spot(picture, place.pixel.as_vec2().extend(0.0), light);
+                let air = sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+                let long = segment.from.distance(segment.to) * per_metre / distance;
+                let count = (long / SPACING_PX).ceil().clamp(1.0, MOST_POINTS);
+                // A source of I W/sr at distance d has irradiance I/d² at the eye: radiance times solid angle, and a
+                // pixel's solid angle is one over pixels per radian squared.
+                let scale = (per_metre * per_metre / (distance * distance) / count) as f32 * seen;
+                let light = flash.intensity(segment.intensity);
+                let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
+                for i in 0..count as usize {
+                    let point = segment.from.lerp(segment.to, (i as f64 + 0.5) / count);
+                    let Some(place) = camera.project(point) else { continue };
+                    let eye = camera.position.as_vec3();
+                    if !town.is_some_and(|town| town.is_blocked(eye, point.as_vec3())) {
+                        spot(picture, place.pixel.as_vec2(), light);
+                    }
+                }
             }
         }
     }
 }
 
 /// Adds a point's light, blurred; all of it arrives on an endless picture.
-fn spot(picture: &mut Picture, place: Vec3, light: [f32; 3]) {
+fn spot(picture: &mut Picture, place: Vec2, light: [f32; 3]) {
     let range = |middle: f32, count: usize| {
         let [low, high] = [middle - REACH_PX, middle + REACH_PX].map(|v| v.clamp(0.0, count as f32) as usize);
         low..high

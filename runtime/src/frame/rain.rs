@@ -63,53 +63,86 @@ impl Light for DropLight {
     }
 }
 
-/// Draws the view's rain over `picture`; returns how many streaks were found.
-pub fn draw_rain(
-    task: &Task<'_>,
-    picture: &mut Picture,
-    memory: &mut FrameMemory,
-) -> Result<usize, RuntimeError> {
-    let (view, camera) = (&task.view.rain, task.camera);
-    if view.rate_mm_per_h == 0.0 {
-        return Ok(0);
+/// The rain's medium in front of a picture.
+pub struct Veil {
+    medium: Option<Medium>,
+    volume: RainVolume,
+    light: DropLight,
+}
+
+impl Veil {
+    /// Share of a point's light that reaches the camera through the rain.
+    pub fn left(&self, camera: &Camera, point: DVec3) -> f32 {
+        let Some(medium) = &self.medium else { return 1.0 };
+        let offset = point - camera.position;
+        let Some(direction) = offset.try_normalize() else { return 1.0 };
+        let secant = 1.0 / direction.dot(camera.forward).max(1e-6);
+        let ray = Ray { origin: camera.position, direction };
+        let depth = offset.length() / secant;
+        libm::exp(-medium.optical_depth_in(&self.volume, &ray, depth, secant)) as f32
     }
-    let rate = MillimetresPerHour(view.rate_mm_per_h);
-    let shot = Shot {
-        min_px: view.streak_px[0],
-        max_px: view.streak_px[1],
-        ..Shot::new(camera, Seconds(task.view.camera.exposure_s))
-    };
-    let wind = DVec3::from_array(view.wind_m_per_s);
-    let weather = Weather { volume: volume_of(view), ..Weather::steady(rate, wind, Seconds(view.time_s)) };
+}
+
+fn shot_of<'a>(task: &Task<'a>) -> Shot<'a> {
+    let [min_px, max_px] = task.view.rain.streak_px;
+    Shot { min_px, max_px, ..Shot::new(task.camera, Seconds(task.view.camera.exposure_s)) }
+}
+
+fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>, RuntimeError> {
+    DepthBuffer::new(metres, picture.width, picture.height, DepthKind::Range)
+}
+
+/// Lays the view's medium over `picture`.
+pub fn veil(task: &Task<'_>, picture: &mut Picture, memory: &mut FrameMemory) -> Result<Veil, RuntimeError> {
+    let (view, camera) = (&task.view.rain, task.camera);
+    let volume = volume_of(view);
     let (irradiance, direction) = irradiance_at(task.flashes, task.cloud, task.sky, camera.position);
     let mut scene = task.surroundings;
     (scene.flash_irradiance, scene.flash_direction) = (irradiance, direction);
-    let mean = |a: f32, b: f32| 0.5 * (a + b);
-    let ambient: [f32; 3] = std::array::from_fn(|band| mean(scene.above[band], scene.below[band]));
+    let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
+    let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
+    let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
+    let light = DropLight { scene, lamps };
+    if view.rate_mm_per_h == 0.0 {
+        return Ok(Veil { medium: None, volume, light });
+    }
+    let ambient: [f32; 3] = std::array::from_fn(|band| 0.5 * (scene.above[band] + scene.below[band]));
     memory.metres.clear();
     if task.has_depth {
         memory.metres.extend(memory.town.pixels.iter().map(|pixel| pixel.distance));
     } else {
         memory.metres.resize(picture.pixels.len(), f32::INFINITY);
     }
-    let depth = DepthBuffer::new(&memory.metres, picture.width, picture.height, DepthKind::Range)?;
-    let medium = Medium::beside_streaks(task.section, &shot, rate)?;
-    let light = Illumination { irradiance, direction, ambient };
-    let outlook = Outlook { camera, volume: weather.volume, light, depth: Some(depth) };
+    let depth = Some(depth_of(&memory.metres, picture)?);
+    let rate = MillimetresPerHour(view.rate_mm_per_h);
+    let medium = Medium::beside_streaks(task.section, &shot_of(task), rate)?;
+    let outlook = Outlook { camera, volume, light: Illumination { irradiance, direction, ambient }, depth };
     memory.transmittance.resize(picture.pixels.len(), 0.0);
     medium.apply(&outlook, picture, &mut memory.transmittance)?;
+    Ok(Veil { medium: Some(medium), volume, light })
+}
+
+/// Draws the view's streaks over `picture`; returns how many were found.
+pub fn streaks(
+    task: &Task<'_>,
+    veil: &Veil,
+    picture: &mut Picture,
+    memory: &mut FrameMemory,
+) -> Result<usize, RuntimeError> {
+    if veil.medium.is_none() {
+        return Ok(0);
+    }
+    let view = &task.view.rain;
+    let wind = DVec3::from_array(view.wind_m_per_s);
+    let steady = Weather::steady(MillimetresPerHour(view.rate_mm_per_h), wind, Seconds(view.time_s));
+    let (shot, weather) = (shot_of(task), Weather { volume: veil.volume, ..steady });
     let found = task.rain.find(&shot, &weather, None, &mut memory.rain)?.len();
-    let near = |lamp: &&StreetLamp| {
-        DVec3::from_array(lamp.position.map(f64::from)).distance(camera.position) < LAMP_REACH_M
-    };
-    let lamps = task.lamps.iter().filter(near);
-    let lamps = lamps.map(|lamp| (DVec3::from_array(lamp.position.map(f64::from)), lamp.intensity)).collect();
-    let light = DropLight { scene, lamps };
+    let (depth, light) = (Some(depth_of(&memory.metres, picture)?), &veil.light);
     if task.patterns.is_empty() {
-        let scene = Scene { depth: Some(depth), kernel: &SmoothWindow, light: &light, gain: view.gain };
+        let scene = Scene { depth, kernel: &SmoothWindow, light, gain: view.gain };
         memory.rain.draw(&shot, &scene, picture)?;
     } else {
-        let scene = Scene { depth: Some(depth), kernel: task.patterns, light: &light, gain: view.gain };
+        let scene = Scene { depth, kernel: task.patterns, light, gain: view.gain };
         memory.rain.draw(&shot, &scene, picture)?;
     }
     Ok(found)
