@@ -123,7 +123,7 @@ fn the_runtime_builds_for_wasm32_without_map_and_threads() {
     }
     // A folder of its own, since whoever runs the tests may hold the lock of the usual one.
     let output = cargo()
-        .args(["build", "--locked", "--offline", "--quiet", "-p", "squall-runtime", "--no-default-features"])
+        .args(["check", "--locked", "--offline", "--quiet", "-p", "squall-runtime", "--no-default-features"])
         .args(["--target", target, "--target-dir"])
         .arg(root().join("target/wasm32"))
         .output()
