@@ -6,6 +6,7 @@ mod inspect;
 mod picture;
 mod progress;
 mod query;
+mod relight;
 mod render;
 mod solve;
 mod streaks;
@@ -28,6 +29,7 @@ pub struct Cli {
 enum Command {
     Bake(bake::Args),
     Render(render::Args),
+    Relight(relight::Args),
     Solve(solve::Args),
     Query(query::Args),
     Inspect(inspect::Args),
@@ -45,6 +47,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Bake(args) => bake::run(args),
         Command::Render(args) => render::run(args),
+        Command::Relight(args) => relight::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
         Command::Inspect(args) => inspect::run(args),
