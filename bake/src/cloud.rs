@@ -28,7 +28,7 @@ use squall_runtime::transport::{Boundary, Cloud};
 pub struct TruthSettings {
     /// Every cell is cut into this many parts along each axis; 0 leaves it to [`automatic_refinement`].
     pub refine: u32,
-    /// Rays per boundary face of the solve grid and axis, for direct light.
+    /// Rays per boundary face of the solve grid and axis, for direct light; 0 leaves it to [`automatic_samples`].
     pub samples: u32,
     /// Sources of degree 3 in place of 1: slower, for sharp phase functions.
     pub high_degree: bool,
@@ -40,7 +40,7 @@ impl Default for TruthSettings {
     fn default() -> Self {
         Self {
             refine: 0,
-            samples: 2,
+            samples: 0,
             high_degree: true,
             solve: SolveSettings {
                 quadrature: Quadrature::DoubleGauss { polar: 4, azimuths: 16 },
@@ -73,9 +73,18 @@ pub fn automatic_refinement(cloud: &Cloud) -> u32 {
     (2..=wanted.max(LEAST_REFINEMENT)).rev().find(fits).unwrap_or(1)
 }
 
+/// Rays for direct light, per boundary face of a solve grid and axis, where nobody chose: at least 2, and 8 to a face of the
+/// scene's own cells. A lamp far outside lights a cell through its face alone, by nearly parallel rays: 1, 2, 4 and 8 of them an
+/// edge leave 28, 14, 6 and 2 % in cells' never scattered light, a quarter of that in scattered light.
+pub fn automatic_samples(refine: u32) -> u32 {
+    8u32.div_ceil(refine).max(2)
+}
+
 /// Everything that one light does in a cloud, on the solve grid.
 #[derive(Clone, Debug)]
 pub struct Truth {
+    /// The scene's own grid.
+    pub cloud: Cloud,
     /// The solve grid.
     pub fine: Cloud,
     /// From the solve grid back to the scene's cells.
@@ -172,7 +181,8 @@ fn solve_with_degree<const M: usize>(
     let (mut power_in, mut direct_out) = (0.0, 0.0);
     progress.begin("direct light", 1);
     let (mut rays, mut stopped) = (0u64, false);
-    tracer.rays(light, settings.samples, |ray| {
+    let samples = if settings.samples == 0 { automatic_samples(refine) } else { settings.samples };
+    tracer.rays(light, samples, |ray| {
         rays += 1;
         // Asking for every ray would cost as much as a short one.
         stopped = stopped || rays % 1024 == 0 && progress.interrupted();
@@ -223,6 +233,7 @@ fn solve_with_degree<const M: usize>(
     let scattered_out: [f64; 6] = std::array::from_fn(|side| leak[side][0]);
     let out = absorbed + direct_out + scattered_out.iter().sum::<f64>();
     Ok(Truth {
+        cloud: cloud.clone(),
         parent: CoarseIndex::new(fine.shape, factors),
         unscattered: direct.fluence.iter().map(|&v| mean(v)).collect(),
         scaled: sources.iter().map(|row| row[0] / y0 as f32).collect(),

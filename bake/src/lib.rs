@@ -14,6 +14,7 @@ pub mod output;
 pub mod picture;
 pub mod progress;
 pub mod recipe;
+pub mod relit;
 pub mod response;
 pub mod storm;
 pub mod streak;

@@ -405,34 +405,9 @@ impl Context<'_> {
             }
         }
         if in_rows {
-            self.add_direct(&mut planes, &work.towards[lane]);
+            add_direct(self.settings.channels, &work.towards[lane], 1.0, &mut planes);
         }
         planes
-    }
-
-    /// Adds direct light, given in the 26 directions, to channels; harmonics take its projection, which the set's degree
-    /// of 7 makes exact as far as the harmonics reach.
-    fn add_direct(&self, planes: &mut [f32], towards: &[f32]) {
-        let cells = towards.len() / 26;
-        let (directions, weights) = (sphere::directions_26(), sphere::weights_26());
-        for (cell, values) in towards.chunks_exact(26).enumerate() {
-            match self.settings.channels {
-                ChannelBasis::Directions26 => {
-                    for (channel, value) in values.iter().enumerate() {
-                        planes[channel * cells + cell] += value;
-                    }
-                }
-                ChannelBasis::Harmonics { .. } => {
-                    for (d, value) in values.iter().enumerate() {
-                        let basis = sphere::harmonics(directions[d]);
-                        let weight = 4.0 * std::f64::consts::PI * weights[d];
-                        for channel in 0..self.settings.channels.count() {
-                            planes[channel * cells + cell] += (weight * basis[channel]) as f32 * value;
-                        }
-                    }
-                }
-            }
-        }
     }
 
     fn solve_batch(
@@ -480,6 +455,32 @@ impl Context<'_> {
             })
             .collect();
         solved.into_iter().collect()
+    }
+}
+
+/// Adds `factor` times direct light, given in the 26 directions, to channels; harmonics take its projection, which the set's
+/// degree of 7 makes exact as far as the harmonics reach.
+pub fn add_direct(basis: ChannelBasis, towards: &[f32], factor: f32, planes: &mut [f32]) {
+    let cells = towards.len() / 26;
+    let (directions, weights) = (sphere::directions_26(), sphere::weights_26());
+    for (cell, values) in towards.chunks_exact(26).enumerate() {
+        match basis {
+            ChannelBasis::Directions26 => {
+                for (channel, value) in values.iter().enumerate() {
+                    planes[channel * cells + cell] += factor * value;
+                }
+            }
+            ChannelBasis::Harmonics { .. } => {
+                for (d, value) in values.iter().enumerate() {
+                    let harmonics = sphere::harmonics(directions[d]);
+                    let weight = 4.0 * std::f64::consts::PI * weights[d];
+                    for channel in 0..basis.count() {
+                        planes[channel * cells + cell] +=
+                            factor * ((weight * harmonics[channel]) as f32 * value);
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -19,6 +19,20 @@ struct Rotation {
     sin: f32,
 }
 
+impl Rotation {
+    /// Two entries to mean and difference.
+    #[inline(always)]
+    fn to(self, a: f32, b: f32) -> [f32; 2] {
+        [self.cos * a + self.sin * b, self.cos * b - self.sin * a]
+    }
+
+    /// Mean and difference back to the two entries.
+    #[inline(always)]
+    fn back(self, mean: f32, difference: f32) -> [f32; 2] {
+        [self.cos * mean - self.sin * difference, self.sin * mean + self.cos * difference]
+    }
+}
+
 /// The levels of one axis.
 struct Axis {
     /// For each level: length before pairing, rotation of ordinary pairs, rotation of the last pair.
@@ -85,26 +99,8 @@ impl Haar {
     pub fn forward(&self, values: &mut [f32], scratch: &mut Vec<f32>) {
         assert_eq!(values.len(), self.len());
         for level in 0..self.depth() {
-            let mut extent = self.extent(level);
             for axis in 0..3 {
-                if let Some(&(count, pair, last)) = self.axes[axis].levels.get(level) {
-                    self.lines(values, scratch, axis, extent, |entry, line, half, stride| {
-                        let mean = |i: usize| i * stride;
-                        for i in 0..count / 2 {
-                            let r = if 2 * i + 2 == count { last } else { pair };
-                            for s in 0..stride {
-                                let (a, b) = (entry[mean(2 * i) + s], entry[mean(2 * i + 1) + s]);
-                                line[mean(i) + s] = r.cos * a + r.sin * b;
-                                line[mean(half + i) + s] = r.cos * b - r.sin * a;
-                            }
-                        }
-                        if count % 2 == 1 {
-                            line[mean(half - 1)..mean(half)]
-                                .copy_from_slice(&entry[mean(count - 1)..mean(count)]);
-                        }
-                    });
-                    extent[axis] = count;
-                }
+                self.turn(values, level, axis, scratch, Way::Forward);
             }
         }
     }
@@ -115,66 +111,142 @@ impl Haar {
     pub fn inverse(&self, values: &mut [f32], scratch: &mut Vec<f32>) {
         assert_eq!(values.len(), self.len());
         for level in (0..self.depth()).rev() {
-            let extent = self.extent(level);
             for axis in (0..3).rev() {
-                if let Some(&(count, pair, last)) = self.axes[axis].levels.get(level) {
-                    self.lines(values, scratch, axis, extent, |entry, line, half, stride| {
-                        let at = |i: usize| i * stride;
-                        for i in 0..count / 2 {
-                            let r = if 2 * i + 2 == count { last } else { pair };
-                            for s in 0..stride {
-                                let (mean, difference) = (entry[at(i) + s], entry[at(half + i) + s]);
-                                line[at(2 * i) + s] = r.cos * mean - r.sin * difference;
-                                line[at(2 * i + 1) + s] = r.sin * mean + r.cos * difference;
-                            }
-                        }
-                        if count % 2 == 1 {
-                            line[at(count - 1)..at(count)].copy_from_slice(&entry[at(half - 1)..at(half)]);
-                        }
-                    });
-                }
+                self.turn(values, level, axis, scratch, Way::Inverse);
             }
         }
     }
 
-    /// Runs `step(entries, results, half, stride)` over every bundle of lines along `axis` inside `extent`. A
-    /// bundle is what lies together in memory: one line along x, a whole plane's rows along y or z.
-    fn lines(
-        &self,
-        values: &mut [f32],
-        scratch: &mut Vec<f32>,
-        axis: usize,
-        extent: [usize; 3],
-        step: impl Fn(&[f32], &mut [f32], usize, usize),
-    ) {
+    /// Turns all pairs of one level along one axis.
+    ///
+    /// Relighting spends its time here, so lines are not gathered one by one: pairs along x are turned where they lie, and
+    /// along y and z whole rows together.
+    fn turn(&self, values: &mut [f32], level: usize, axis: usize, scratch: &mut Vec<f32>, way: Way) {
+        let Some(step) = self.axes[axis].levels.get(level) else { return };
+        let extent = self.extent(level);
         let [nx, ny, _] = self.shape;
-        let strides = [1, nx, nx * ny];
-        let count = extent[axis];
-        let half = count.div_ceil(2);
-        // Entries beside each other in x move together, except along x itself.
-        let stride = if axis == 0 { 1 } else { extent[0] };
-        scratch.resize(2 * count * stride, 0.0);
-        let (entries, results) = scratch.split_at_mut(count * stride);
-        let (outer_axis, outer_count) = match axis {
-            0 => (1, extent[1]),
-            1 => (2, extent[2]),
-            _ => (1, extent[1]),
-        };
-        let second = if axis == 0 { extent[2] } else { 1 };
-        for outer in 0..outer_count {
-            for inner in 0..second {
-                let base = outer * strides[outer_axis] + inner * strides[2];
-                for i in 0..count {
-                    let from = base + i * strides[axis];
-                    entries[i * stride..(i + 1) * stride].copy_from_slice(&values[from..from + stride]);
+        match axis {
+            0 => {
+                for slab in values.chunks_exact_mut(nx * ny).take(extent[2]) {
+                    for row in slab.chunks_exact_mut(nx).take(extent[1]) {
+                        match way {
+                            Way::Forward => forward_line(&mut row[..extent[0]], step, scratch),
+                            Way::Inverse => inverse_line(&mut row[..extent[0]], step, scratch),
+                        }
+                    }
                 }
-                step(entries, results, half, stride);
-                for i in 0..count {
-                    let to = base + i * strides[axis];
-                    values[to..to + stride].copy_from_slice(&results[i * stride..(i + 1) * stride]);
+            }
+            1 => {
+                for slab in values.chunks_exact_mut(nx * ny).take(extent[2]) {
+                    turn_rows(slab, step, nx, extent[0], scratch, way);
+                }
+            }
+            _ => {
+                // Whole slabs where the box is as wide as the grid, else its rows one after the other.
+                let (rows, width) =
+                    if extent[..2] == [nx, ny] { (1, nx * ny) } else { (extent[1], extent[0]) };
+                for y in 0..rows {
+                    turn_rows(&mut values[y * nx..], step, nx * ny, width, scratch, way);
                 }
             }
         }
+    }
+}
+
+/// Which way pairs are turned.
+#[derive(Clone, Copy)]
+enum Way {
+    Forward,
+    Inverse,
+}
+
+/// Neighbours become means in front and differences behind, along one line.
+#[inline]
+fn forward_line(
+    line: &mut [f32],
+    &(count, pair, last): &(usize, Rotation, Rotation),
+    scratch: &mut Vec<f32>,
+) {
+    scratch.clear();
+    scratch.extend_from_slice(line);
+    let half = count.div_ceil(2);
+    let (means, differences) = line.split_at_mut(half);
+    let (pairs, single) = scratch.as_chunks::<2>();
+    for ((mean, difference), &[a, b]) in means.iter_mut().zip(&mut *differences).zip(pairs) {
+        [*mean, *difference] = pair.to(a, b);
+    }
+    match single {
+        [single] => means[half - 1] = *single,
+        _ => {
+            let [a, b] = pairs[half - 1];
+            [means[half - 1], differences[half - 1]] = last.to(a, b);
+        }
+    }
+}
+
+/// Means in front and differences behind become neighbours, along one line.
+#[inline]
+fn inverse_line(
+    line: &mut [f32],
+    &(count, pair, last): &(usize, Rotation, Rotation),
+    scratch: &mut Vec<f32>,
+) {
+    scratch.clear();
+    scratch.extend_from_slice(line);
+    let (means, differences) = scratch.split_at(count.div_ceil(2));
+    let (pairs, single) = line.as_chunks_mut::<2>();
+    for ((pair_out, &mean), &difference) in pairs.iter_mut().zip(means).zip(differences) {
+        *pair_out = pair.back(mean, difference);
+    }
+    match single {
+        [single] => *single = means[means.len() - 1],
+        _ => pairs[count / 2 - 1] = last.back(means[count / 2 - 1], differences[count / 2 - 1]),
+    }
+}
+
+/// The same for rows of `width` values that lie `stride` apart: rows 2i and 2i + 1 belong to row i and row half + i.
+#[inline]
+fn turn_rows(
+    values: &mut [f32],
+    &(count, pair, last): &(usize, Rotation, Rotation),
+    stride: usize,
+    width: usize,
+    scratch: &mut Vec<f32>,
+    way: Way,
+) {
+    scratch.clear();
+    for i in 0..count {
+        scratch.extend_from_slice(&values[i * stride..][..width]);
+    }
+    let half = count.div_ceil(2);
+    let entry = |i: usize| &scratch[i * width..][..width];
+    for i in 0..count / 2 {
+        let rotation = if 2 * i + 2 == count { last } else { pair };
+        let (low, high) = match way {
+            Way::Forward => (i, half + i),
+            Way::Inverse => (2 * i, 2 * i + 1),
+        };
+        let (front, back) = values[low * stride..].split_at_mut((high - low) * stride);
+        let outputs = front[..width].iter_mut().zip(&mut back[..width]);
+        match way {
+            Way::Forward => {
+                for ((mean, difference), (&a, &b)) in outputs.zip(entry(2 * i).iter().zip(entry(2 * i + 1))) {
+                    [*mean, *difference] = rotation.to(a, b);
+                }
+            }
+            Way::Inverse => {
+                for ((a, b), (&mean, &difference)) in outputs.zip(entry(i).iter().zip(entry(half + i))) {
+                    [*a, *b] = rotation.back(mean, difference);
+                }
+            }
+        }
+    }
+    if count % 2 == 1 {
+        let (from, to) = match way {
+            Way::Forward => (count - 1, half - 1),
+            Way::Inverse => (half - 1, count - 1),
+        };
+        values[to * stride..][..width].copy_from_slice(entry(from));
     }
 }
 

@@ -12,6 +12,7 @@ pub mod depth;
 pub mod error;
 pub mod flash;
 pub mod frame;
+pub mod live;
 pub mod load;
 pub mod math;
 pub mod medium;

@@ -15,6 +15,7 @@ use squall_formats::section::response::{
     channels,
 };
 use squall_formats::sphere;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A point of light on a stroke.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +41,8 @@ pub struct Relighter<'a> {
     response: ResponseSection<'a>,
     cloud: Cloud,
     haar: Haar,
+    /// Rows whose checksum has been seen to be right.
+    verified: Vec<AtomicBool>,
 }
 
 /// Memory of relighting calls; nothing is allocated once it has grown to a stroke's size.
@@ -47,7 +50,6 @@ pub struct Relighter<'a> {
 pub struct RelightBuffers {
     weights: Vec<SourceWeight>,
     parts: Vec<(u32, f64)>,
-    verified: Vec<bool>,
     channels: Vec<f32>,
     scratch: Vec<f32>,
 }
@@ -94,7 +96,8 @@ impl<'a> Relighter<'a> {
             boundary: if head.periodic_xy { Boundary::PeriodicXy } else { Boundary::Open },
         };
         let haar = Haar::new(head.shape);
-        Ok(Self { asset, response, cloud: cloud.checked()?, haar })
+        let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
+        Ok(Self { asset, response, cloud: cloud.checked()?, haar, verified })
     }
 
     /// The cloud grid.
@@ -180,16 +183,15 @@ impl<'a> Relighter<'a> {
     ) -> Result<Relit<'b>, RuntimeError> {
         let (cells, basis) = (self.haar.len(), self.response.head.channels);
         let count = basis.count();
-        buffers.verified.resize(self.response.row_count(), false);
         buffers.channels.clear();
         buffers.channels.resize(cells * count, 0.0);
         for weight in &buffers.weights {
             let row = weight.row as usize;
-            let bytes =
-                if buffers.verified[row] { self.response.row_unchecked(row) } else { self.response.row(row) };
+            let known = self.verified[row].load(Ordering::Relaxed);
+            let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
             let parts =
                 bytes.and_then(|bytes| channels(bytes, count)).map_err(|error| self.asset.wrap(error))?;
-            buffers.verified[row] = true;
+            self.verified[row].store(true, Ordering::Relaxed);
             for (channel, sums) in parts.iter().zip(buffers.channels.chunks_exact_mut(cells)) {
                 accumulate(channel, self.response.head.codec, weight.intensity, sums)
                     .map_err(|error| self.asset.wrap(error))?;
@@ -208,6 +210,19 @@ impl<'a> Relighter<'a> {
             }
         }
         Ok(Relit { basis, cells, planes: &buffers.channels })
+    }
+
+    /// The virtual lamps that the stroke last weighed was split over, each where it was baked.
+    pub fn virtual_lamps(&self, buffers: &RelightBuffers) -> Vec<LampPoint> {
+        let SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &self.response.head.sources;
+        let (nx, ny) = (x_m.len(), y_m.len());
+        let weight = |row: u32| buffers.weights.iter().find(|weight| weight.row == row);
+        let lit = rows.iter().enumerate().filter_map(|(node, &row)| Some((node, weight(row)?)));
+        lit.map(|(node, weight)| LampPoint {
+            position: DVec3::new(x_m[node % nx], y_m[node / nx % ny], z_m[node / nx / ny]),
+            intensity: f64::from(weight.intensity),
+        })
+        .collect()
     }
 
     /// How far each channel of the stroke last weighed can be from what was solved, as an L2 norm over cells: Σ |e_l| (γ_l + q_l).

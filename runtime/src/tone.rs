@@ -55,7 +55,24 @@ pub fn linear_from_srgb(signal: f32) -> f32 {
     if signal <= 0.040_45 { signal.max(0.0) / 12.92 } else { libm::powf((signal + 0.055) / 1.055, 2.4) }
 }
 
+/// Share of the lit pixels that may come out brighter than two thirds of display white.
+const BRIGHT_SHARE: f64 = 0.01;
+
 impl Tone {
+    /// Exposure that shows the brightest hundredth of a picture's lit pixels at 67 % of display white and more; 1 for a picture
+    /// without light.
+    pub fn exposure_for(picture: &Picture) -> f32 {
+        let peak = |pixel: &[f32; 3]| tame(pixel[0].max(pixel[1]).max(pixel[2]));
+        let mut lit: Vec<f32> = picture.pixels.iter().map(peak).filter(|&value| value > 0.0).collect();
+        if lit.is_empty() {
+            return 1.0;
+        }
+        let at = ((lit.len() - 1) as f64 * (1.0 - BRIGHT_SHARE)) as usize;
+        let (_, bright, _) = lit.select_nth_unstable_by(at, f32::total_cmp);
+        // The brightest and the darkest of single precision still give a finite factor.
+        (1.0 / *bright).clamp(f32::MIN_POSITIVE, f32::MAX)
+    }
+
     /// This tone, brighter by `stops` factors of two.
     pub fn brighter(self, stops: f32) -> Self {
         Self { exposure: self.exposure * libm::exp2f(stops), ..self }

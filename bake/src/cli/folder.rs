@@ -51,6 +51,15 @@ impl Drop for OutputFolder {
     }
 }
 
+/// Checks before the work that a file can be put where `path` says.
+///
+/// Errors (exit code 4): no such folder, no permission, no space.
+pub fn check_parent(path: &Path) -> Result<(), BakeError> {
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(parent).map_err(refused(parent, "write into the folder"))?;
+    Ok(())
+}
+
 /// Output that the system refuses, whatever its reason, is not the input's fault.
 fn refused(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> BakeError {
     move |error| {

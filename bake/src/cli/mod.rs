@@ -5,6 +5,7 @@ mod folder;
 mod picture;
 mod progress;
 mod query;
+mod relight;
 mod render;
 mod solve;
 mod streaks;
@@ -26,6 +27,7 @@ pub struct Cli {
 enum Command {
     Bake(bake::Args),
     Render(render::Args),
+    Relight(relight::Args),
     Solve(solve::Args),
     Query(query::Args),
     /// Turns pictures of streaks into cosines, and says how well.
@@ -41,6 +43,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Bake(args) => bake::run(args),
         Command::Render(args) => render::run(args),
+        Command::Relight(args) => relight::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),
         Command::Streaks(command) => streaks::run(command),

@@ -8,16 +8,24 @@ use squall_runtime::picture::Picture;
 use squall_runtime::tone::Tone;
 use std::path::Path;
 
+/// Refuses a name that no picture can have, before the work.
+pub fn check_name(path: &Path) -> Result<(), BakeError> {
+    match path.extension().and_then(|name| name.to_str()) {
+        Some("png" | "exr") => Ok(()),
+        _ => {
+            let found = path.display().to_string();
+            Err(BakeError::input(path, "picture", "a name that ends in .png or .exr", found))
+        }
+    }
+}
+
 /// Writes a picture in the form that its name asks for: .png or .exr.
 pub fn write(path: &Path, picture: Option<&Picture>, tone: &Tone) -> anyhow::Result<()> {
     let Some(picture) = picture else { anyhow::bail!("{}: nothing was drawn", path.display()) };
     match path.extension().and_then(|name| name.to_str()) {
         Some("png") => write_png8(path, picture, tone)?,
         Some("exr") => write_exr(path, picture)?,
-        _ => {
-            let found = path.display().to_string();
-            return Err(BakeError::input(path, "picture", "a name that ends in .png or .exr", found).into());
-        }
+        _ => check_name(path)?,
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use squall_formats::GridShape;
 use squall_formats::units::Radians;
 use squall_runtime::camera::{Camera, Projection, vertical_from_horizontal};
+use squall_runtime::relight::LampPoint;
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::{Boundary, Cloud};
 use std::path::{Path, PathBuf};
@@ -200,25 +201,22 @@ fn check_names<'a>(
 /// More cells than this are refused before memory is taken.
 const MAX_CELLS: usize = 1 << 28;
 
-/// Reads LAMPS.json: a list of point sources.
-pub fn read_lamps(path: &Path) -> Result<Vec<(DVec3, f64)>, BakeError> {
+/// Reads LAMPS.json: a list of point sources. Keys other than position and intensity are for people.
+pub fn read_lamps(path: &Path) -> Result<Vec<LampPoint>, BakeError> {
     let list: Vec<LightFile> = read_json(path, "a list of lamps (LAMPS.json)")?;
-    let mut lamps = Vec::with_capacity(list.len());
-    for (i, lamp) in list.iter().enumerate() {
-        match lamp.read(path, &format!("[{i}]"))? {
-            Light::Point { position, intensity } => lamps.push((position, intensity)),
-            Light::Beam { .. } => {
-                return Err(BakeError::input(path, format!("[{i}].type"), "\"point\"", "\"beam\""));
-            }
-        }
-    }
-    Ok(lamps)
+    let point = |(i, lamp): (usize, &LightFile)| {
+        let (position, intensity) = lamp.read_point(path, &format!("[{i}]"))?;
+        Ok(LampPoint { position, intensity })
+    };
+    list.iter().enumerate().map(point).collect()
 }
 
-/// Reads CAMERA.json: one camera object of a scene.
-pub fn read_camera(path: &Path) -> Result<Camera, BakeError> {
+/// Reads CAMERA.json: one camera object of a scene. Its name is "camera" where the file gives none.
+pub fn read_camera(path: &Path) -> Result<(String, Camera), BakeError> {
     let camera: CameraFile = read_json(path, "one camera (CAMERA.json)")?;
-    camera.read(path, "camera")
+    let name = camera.name.clone().unwrap_or_else(|| "camera".into());
+    check_names(path, "camera", std::iter::once(&name))?;
+    Ok((name, camera.read(path, "camera")?))
 }
 
 /// A file named inside another, relative to that one's folder.
@@ -238,33 +236,48 @@ fn named(path: &Path, error: squall_runtime::RuntimeError) -> BakeError {
 
 impl LightFile {
     fn read(&self, path: &Path, place: &str) -> Result<Light, BakeError> {
-        let bad = |field: &str, wanted: &str, found: String| {
-            BakeError::input(path, format!("{place}.{field}"), wanted, found)
-        };
-        let vector = |field: &str, value: Option<[f64; 3]>| -> Result<DVec3, BakeError> {
-            value.map(DVec3::from_array).ok_or_else(|| bad(field, "three numbers", "nothing".into()))
-        };
-        let power = |field: &str, value: Option<f64>| -> Result<f64, BakeError> {
-            let value = value.ok_or_else(|| bad(field, "a number", "nothing".into()))?;
-            // JSON has no infinities and its reader refuses numbers that round to one.
-            if value >= 0.0 { Ok(value) } else { Err(bad(field, "not negative", value.to_string())) }
-        };
         match self.kind.as_deref() {
-            None | Some("point") => Ok(Light::Point {
-                position: vector("position_m", self.position_m)?,
-                intensity: power("intensity_W_per_sr", self.intensity)?,
-            }),
+            None | Some("point") => {
+                let (position, intensity) = self.read_point(path, place)?;
+                Ok(Light::Point { position, intensity })
+            }
             Some("beam") => {
-                let direction = vector("direction", self.direction)?;
-                let direction = direction.try_normalize();
+                let direction = vector(path, place, "direction", self.direction)?.try_normalize();
+                let zero = || {
+                    BakeError::input(path, format!("{place}.direction"), "a vector that is not zero", "zero")
+                };
                 Ok(Light::Beam {
-                    direction: direction
-                        .ok_or_else(|| bad("direction", "a vector that is not zero", "zero".into()))?,
-                    irradiance: power("irradiance_W_per_m2", self.irradiance)?,
+                    direction: direction.ok_or_else(zero)?,
+                    irradiance: power(path, place, "irradiance_W_per_m2", self.irradiance)?,
                 })
             }
-            Some(other) => Err(bad("type", "\"point\" or \"beam\"", format!("\"{other}\""))),
+            Some(other) => {
+                let wanted = "\"point\" or \"beam\"";
+                Err(BakeError::input(path, format!("{place}.type"), wanted, format!("\"{other}\"")))
+            }
         }
+    }
+
+    fn read_point(&self, path: &Path, place: &str) -> Result<(DVec3, f64), BakeError> {
+        Ok((
+            vector(path, place, "position_m", self.position_m)?,
+            power(path, place, "intensity_W_per_sr", self.intensity)?,
+        ))
+    }
+}
+
+fn vector(path: &Path, place: &str, field: &str, value: Option<[f64; 3]>) -> Result<DVec3, BakeError> {
+    let missing = || BakeError::input(path, format!("{place}.{field}"), "three numbers", "nothing");
+    value.map(DVec3::from_array).ok_or_else(missing)
+}
+
+/// JSON has no infinities, and its reader refuses numbers that round to one.
+fn power(path: &Path, place: &str, field: &str, value: Option<f64>) -> Result<f64, BakeError> {
+    let bad = |wanted: &str, found: String| BakeError::input(path, format!("{place}.{field}"), wanted, found);
+    match value {
+        Some(value) if value >= 0.0 => Ok(value),
+        Some(value) => Err(bad("not negative", value.to_string())),
+        None => Err(bad("a number", "nothing".into())),
     }
 }
 

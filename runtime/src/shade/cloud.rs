@@ -15,7 +15,7 @@ use glam::DVec3;
 
 /// Longest step beside a lamp, as a share of the distance to it: with two points a step, 1/r² is then off by .1 %.
 const STEP_PER_DISTANCE: f64 = 1.0 / 3.0;
-/// Longest step where lamps are followed exactly, in optical depth.
+/// Longest step in optical depth.
 const STEP_DEPTH: f64 = 0.5;
 /// Shortest distance to a lamp that counts, m, for rays without a width.
 const NEAREST: f64 = 1e-3;
@@ -38,12 +38,12 @@ pub struct CloudSample {
 pub struct LitCloud<'a> {
     /// Grid and optics.
     pub cloud: &'a Cloud,
-    /// J per cell towards the eye, W/(m² sr), x fastest.
-    pub j: &'a [f32],
-    /// Lights whose direct part is not in `j` and is worked out at every step.
+    /// Lights whose direct part is not in the J that is handed over and is worked out at every step.
     pub exact: &'a [Light],
-    /// Extinction scale 1 − ωf of the transport that made `j`: what it counts as unscattered belongs to the direct part.
+    /// Extinction scale 1 − ωf of the transport that made J: what it counts as unscattered belongs to the direct part.
     pub extinction_scale: f64,
+    /// Longest step, m: about how fine J is.
+    pub longest_step: f64,
 }
 
 /// How much a ray stands for: the edge of its part of the picture, which grows with distance.
@@ -77,14 +77,9 @@ impl RayWidth {
 }
 
 impl LitCloud<'_> {
-    /// Follows `ray`. An orthographic camera sees what lies behind its plane too: pass its projection.
-    pub fn look(&self, ray: Ray, projection: Projection) -> CloudSample {
-        self.march(ray, projection, RayWidth::default(), |point| between(self.cloud, self.j, point))
-    }
-
-    /// [`LitCloud::look`] with J from a function of the place, and with the ray's width, which keeps a lamp in the picture
-    /// finite.
-    pub fn march(
+    /// Follows `ray`, with J towards its origin from a function of the place, W/(m² sr). An orthographic camera sees what lies
+    /// behind its plane too: pass its projection. The ray's width keeps a lamp in the picture finite.
+    pub fn look(
         &self,
         ray: Ray,
         projection: Projection,
@@ -116,22 +111,15 @@ impl LitCloud<'_> {
         let (mut radiance, mut open, mut at) = (0.0f64, 1.0f64, start);
         tracer.walk(origin, ray.direction, start, stop, |_, length, extinction| {
             let (extinction, end) = (f64::from(extinction), at + f64::from(length));
-            if extinction > 0.0 && self.exact.is_empty() {
-                let (gone, through) = shares(end - at, extinction);
-                radiance += open * cloud.albedo * gone * all(0.5 * (at + end));
+            while extinction > 0.0 && at < end && open > OPAQUE {
+                let step = self.step(origin + ray.direction * at, extinction, nearest).min(end - at);
+                let (gone, through) = shares(step, extinction);
+                let weights = GAUSS.map(|place| f64::from(exp_neg((extinction * step * place) as f32)));
+                let sum: f64 = GAUSS.iter().zip(weights).map(|(place, w)| w * all(at + place * step)).sum();
+                radiance += open * cloud.albedo * gone * sum / (weights[0] + weights[1]);
                 open *= through;
-            } else if extinction > 0.0 {
-                while at < end && open > OPAQUE {
-                    let step = self.step(origin + ray.direction * at, extinction, nearest).min(end - at);
-                    let (gone, through) = shares(step, extinction);
-                    let weights = GAUSS.map(|place| f64::from(exp_neg((extinction * step * place) as f32)));
-                    let sum: f64 =
-                        GAUSS.iter().zip(weights).map(|(place, w)| w * all(at + place * step)).sum();
-                    radiance += open * cloud.albedo * gone * sum / (weights[0] + weights[1]);
-                    open *= through;
-                    // A last step lost in round-off must not repeat for ever.
-                    at = if step < 1e-9 * (end - start) { end } else { at + step };
-                }
+                // A last step lost in round-off must not repeat for ever.
+                at = if step < 1e-9 * (end - start) { end } else { at + step };
             }
             at = end;
             open > OPAQUE
@@ -139,9 +127,9 @@ impl LitCloud<'_> {
         CloudSample { radiance, transmittance: open }
     }
 
-    /// Longest step from `point` that sees every exact light evenly.
+    /// Longest step from `point` that sees J and every exact light evenly.
     fn step(&self, point: DVec3, extinction: f64, nearest: impl Fn(&Light) -> f64) -> f64 {
-        let mut step = STEP_DEPTH / extinction;
+        let mut step = self.longest_step.min(STEP_DEPTH / extinction);
         for light in self.exact {
             if let Light::Point { position, .. } = light {
                 step = step.min(STEP_PER_DISTANCE * point.distance(*position).max(nearest(light)));

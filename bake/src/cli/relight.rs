@@ -1,0 +1,119 @@
+//! `squall relight ASSET --lamps LAMPS.json --camera CAMERA.json -o IMAGE [--field DIR]`
+
+use super::folder::{OutputFolder, check_parent};
+use super::picture;
+use super::progress::Bars;
+use serde_json::json;
+use squall_bake::BakeError;
+use squall_bake::fields::grey_picture;
+use squall_bake::input::scene::{read_camera, read_lamps};
+use squall_bake::output::write_atomically;
+use squall_bake::progress::Progress;
+use squall_bake::relit::{DirectFrom, relight};
+use squall_runtime::Asset;
+use squall_runtime::relight::Relighter;
+use squall_runtime::tone::Tone;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Clouds lit by given lamps, from an asset: a picture of the scattered light, and per-cell fields on request.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The asset.
+    asset: PathBuf,
+    /// The lamps (LAMPS.json): a list of {"position_m", "intensity_W_per_sr"}.
+    #[arg(long)]
+    lamps: PathBuf,
+    /// The camera (CAMERA.json): one camera object of a scene.
+    #[arg(long)]
+    camera: PathBuf,
+    /// The picture to write: .exr holds linear radiance, .png is developed for a display.
+    #[arg(short, long, value_name = "IMAGE")]
+    out: PathBuf,
+    /// Folder for per-cell fields in the layout of `squall solve`, and relight.json; made if missing.
+    #[arg(long, value_name = "DIR")]
+    field: Option<PathBuf>,
+    /// Factor on radiance for a .png, m² sr/W; left out, the brightest hundredth of the lit pixels comes out bright.
+    #[arg(long, value_name = "FACTOR", value_parser = exposure)]
+    exposure: Option<f32>,
+    /// Where light straight from the lamps is taken from; left out, from the rows where they hold it, else from the lamps.
+    #[arg(long, value_enum)]
+    direct: Option<Direct>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Direct {
+    /// The asset's rows, compressed with the rest.
+    Rows,
+    /// The lamps themselves, worked out now.
+    Lamps,
+}
+
+/// Runs the command.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let start = Instant::now();
+    picture::check_name(&args.out)?;
+    let asset = Asset::open(&args.asset)?;
+    let relighter = Relighter::new(&asset)?;
+    let lamps = read_lamps(&args.lamps)?;
+    let (name, camera) = read_camera(&args.camera)?;
+    check_parent(&args.out)?;
+    let folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
+    let bars = Bars::new()?;
+    let direct = args.direct.map(|direct| match direct {
+        Direct::Rows => DirectFrom::Rows,
+        Direct::Lamps => DirectFrom::Lamps,
+    });
+    let (fields, report) = relight(&relighter, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
+    bars.finish();
+    bars.check()?;
+    if let Some(live) = report.live {
+        let [low, high] = relighter.reach();
+        eprintln!(
+            "note: {} of {} lamps lie outside what was baked (within {low} to {high} m); solved for on the spot, {} sweeps, \
+             {:.2} s",
+            report.lamps_outside, report.lamps, live.sweeps, live.seconds
+        );
+    }
+    let (_, width, image) =
+        fields.images.first().ok_or_else(|| BakeError::Failed("no picture was drawn".into()))?;
+    let shown = grey_picture(*width, &image.mean);
+    let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
+    let tone = Tone { exposure, ..Tone::default() };
+    picture::write(&args.out, Some(&shown), &tone)?;
+    println!(
+        "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
+        args.out.display(),
+        report.lamps,
+        report.sources,
+        report.relight_ms,
+        100.0 * report.error_bound,
+        start.elapsed().as_secs_f64(),
+    );
+    if let Some(folder) = folder {
+        let mut files = fields.write(folder.path())?;
+        let mut summary = json!({
+            "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
+            "asset": args.asset,
+            "dims_xyz": relighter.cloud().shape.to_array(),
+            "exposure": exposure,
+            "seconds": start.elapsed().as_secs_f64(),
+            "files": files,
+        });
+        for (key, value) in serde_json::to_value(&report)?.as_object().into_iter().flatten() {
+            summary[key] = value.clone();
+        }
+        let text = serde_json::to_string_pretty(&summary)? + "\n";
+        write_atomically(&folder.path().join("relight.json"), |out| out.write_all(text.as_bytes()))?;
+        files.push("relight.json".into());
+        println!("{}: {}", folder.path().display(), files.join(" "));
+        folder.keep();
+    }
+    Ok(())
+}
+
+fn exposure(text: &str) -> Result<f32, String> {
+    let value: f32 = text.parse().map_err(|error| format!("{error}"))?;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("wanted a number above 0".into()) }
+}

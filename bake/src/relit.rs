@@ -1,0 +1,327 @@
+//! Clouds lit by given lamps from an asset: one picture, and per-cell fields in the layout of `squall solve`.
+//!
+//! Lamps inside the asset's reach are split over its virtual sources and relit; those outside are solved for on the spot
+//! (squall_runtime::live), with the discretisation of the rows. Where light that comes straight from the lamps is taken
+//! from is a choice for assets whose rows hold it ([`DirectFrom`]).
+//!
+//! | field | rows with direct light, taken from the rows | else |
+//! |---|---|---|
+//! | phi_dir | never scattered light of the virtual sources, exact | of the lamps themselves, exact |
+//! | phi_sc | the rows' fluence rate less the virtual sources' direct light | the rows' fluence rate, and light scattered forward only, of the lamps themselves |
+//! | jcam, image | the rows' J | the rows' J without direct light, and that of the lamps themselves |
+
+use crate::cloud::automatic_samples;
+use crate::cloud::image::{Sampling, shortest};
+use crate::error::BakeError;
+use crate::fields::Fields;
+use crate::progress::Progress;
+use crate::response::add_direct;
+use glam::DVec3;
+use rayon::prelude::*;
+use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::sphere::{self, MAX_HARMONICS};
+use squall_runtime::RuntimeError;
+use squall_runtime::camera::{Camera, Projection};
+use squall_runtime::flash::{self, DirectSettings};
+use squall_runtime::live::{DirectCells, LiveLight, LiveSolver};
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit, channel_factors};
+use squall_runtime::shade::cloud::{LitCloud, corners, direction_to};
+use squall_runtime::transport::direct::Light;
+use std::time::Instant;
+
+/// Where light that comes straight from a lamp is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DirectFrom {
+    /// The rows: that of the virtual sources, compressed with them. Only where they hold it.
+    Rows,
+    /// The lamps themselves, worked out now.
+    Lamps,
+}
+
+/// Lamps times pixels up to which direct light is followed for every ray of the picture; beyond, it is a mean per cell.
+const EXACT_WORK: usize = 1 << 18;
+/// Rays that a perspective picture's direct light per cell is made of, over all lamps, and for one lamp at least and at most.
+const CELL_RAYS: usize = 1 << 22;
+const CELL_RAYS_PER_LAMP: [usize; 2] = [1024, 1 << 16];
+
+/// Direct rays per boundary face of the solve grid and axis for light that is taken out of rows: a recipe's usual number has to
+/// be met, not bettered.
+const SAMPLES_OF_ROWS: u32 = 1;
+/// Lamps above which their own light is traced with fewer rays each: what one misses the others see.
+const MANY_LAMPS: usize = 64;
+
+/// How a relighting went.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct RelitReport {
+    /// Lamps in all.
+    pub lamps: usize,
+    /// Lamps outside the asset's reach, solved for on the spot.
+    pub lamps_outside: usize,
+    /// Virtual sources touched.
+    pub sources: usize,
+    /// Smallest and largest corner of the box in which lamps can be relit, m; parts of it may not have been baked.
+    pub reach_m: [[f64; 3]; 2],
+    /// `rows` or `lamps`.
+    pub direct: &'static str,
+    /// Weights, sum over rows and inverse transforms, ms. The first time rows are read, checksums included.
+    pub relight_ms: f64,
+    /// Bound of the relit planes' distance from the uncompressed rows, Σ e_l (γ_l + q_l), as an L2 norm over cells and
+    /// channels relative to the planes' own.
+    pub error_bound: f64,
+    /// Sweeps and residual of the live solve, and its seconds.
+    pub live: Option<LiveReport>,
+    /// Whether direct light was followed for every ray of the picture.
+    pub exact_direct: bool,
+}
+
+/// How the lamps outside were solved for.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct LiveReport {
+    /// Sweeps.
+    pub sweeps: u32,
+    /// Residual that was left.
+    pub residual: f64,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// Everything that a J in some direction is made of, per cell.
+struct LitCells<'a> {
+    basis: ChannelBasis,
+    planes: &'a [f32],
+    live: Option<&'a LiveLight>,
+    /// J of direct light towards the eye, for what is not followed ray by ray.
+    direct: Vec<f32>,
+}
+
+/// Relights the asset's cloud by `lamps`, as `camera` sees it; with `cells` the per-cell fields too.
+///
+/// Errors: rows without direct light asked for theirs, a damaged row, a live solve that does not converge, an interruption.
+pub fn relight(
+    relighter: &Relighter<'_>,
+    lamps: &[LampPoint],
+    (name, camera): (&str, &Camera),
+    direct_from: Option<DirectFrom>,
+    cells: bool,
+    progress: &dyn Progress,
+) -> Result<(Fields, RelitReport), BakeError> {
+    let (cloud, head) = (relighter.cloud(), &relighter.response().head);
+    let in_rows = head.direct == DirectTerm::InRows;
+    let from = direct_from.unwrap_or(if in_rows { DirectFrom::Rows } else { DirectFrom::Lamps });
+    if from == DirectFrom::Rows && !in_rows {
+        let (wanted, found) = ("\"lamps\": the asset's rows hold no direct light", "\"rows\"");
+        return Err(RuntimeError::argument("direct light", wanted, found).into());
+    }
+    let (inside, outside): (Vec<LampPoint>, Vec<LampPoint>) =
+        lamps.iter().partition(|lamp| relighter.reaches(lamp.position));
+
+    let start = Instant::now();
+    let mut buffers = RelightBuffers::default();
+    let relit = relighter.relight(&inside, RelightOptions::default(), &mut buffers)?;
+    let relight_ms = start.elapsed().as_secs_f64() * 1e3;
+    let (basis, mut planes) = (relit.basis, relit.planes.to_vec());
+    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+    let size = norm(&mut planes.iter().map(|&v| f64::from(v)));
+    let bound = norm(&mut relighter.error_bounds(&buffers).into_iter());
+    let virtual_lamps = relighter.virtual_lamps(&buffers);
+
+    let solver = LiveSolver::new(cloud, &head.solver)?;
+    let samples = match automatic_samples(head.solver.refine.into_iter().min().unwrap_or(1)) {
+        fine if lamps.len() <= MANY_LAMPS => fine,
+        fine => fine.min(2),
+    };
+    let directions = sphere::directions_26().map(DVec3::from_array);
+    let strip = |planes: &mut [f32]| {
+        add_direct(basis, &solver.direct(&virtual_lamps, &directions, SAMPLES_OF_ROWS).towards, -1.0, planes);
+    };
+    if in_rows && from == DirectFrom::Lamps {
+        strip(&mut planes);
+    }
+    progress.check()?;
+
+    let towards: Vec<DVec3> = match camera.projection {
+        Projection::Orthographic { .. } => vec![-camera.forward],
+        Projection::Perspective { .. } => Vec::new(),
+    };
+    let outside_direct = solver.direct(&outside, &towards, samples);
+    let live = match outside.is_empty() {
+        true => None,
+        false => Some(solve_outside(&solver, &outside_direct, progress)?),
+    };
+    let rays = if from == DirectFrom::Lamps { lamps } else { &outside };
+    let exact = rays.len() * (camera.width * camera.height) as usize <= EXACT_WORK;
+
+    let mut fields = Fields::default();
+    let mut lit =
+        LitCells { basis, planes: &planes, live: live.as_ref().map(|(live, _)| live), direct: Vec::new() };
+    // Direct light of the lamps that the rows do not answer for, towards an orthographic camera.
+    let cell_direct = (cells || !exact && !towards.is_empty()).then(|| {
+        let mut sum = outside_direct.clone();
+        if from == DirectFrom::Lamps {
+            sum.add(&solver.direct(&inside, &towards, samples));
+        }
+        sum
+    });
+    progress.check()?;
+    if cells && let Some(direct) = &cell_direct {
+        let mut bare = planes.clone();
+        let mut known = direct.clone();
+        if from == DirectFrom::Rows {
+            strip(&mut bare);
+            known.add(&solver.direct(&virtual_lamps, &[], SAMPLES_OF_ROWS));
+        }
+        let bare = LitCells { planes: &bare, direct: Vec::new(), ..lit };
+        let scattered = (0..cloud.shape.len()).map(|cell| bare.fluence(cell) + known.forward[cell]);
+        fields.phi_scattered = scattered.collect::<Vec<f32>>().into();
+        fields.phi_direct = known.unscattered.into();
+        if let Some(&towards) = towards.first() {
+            let mut j = lit.towards(towards);
+            j.iter_mut().zip(&direct.towards).for_each(|(sum, value)| *sum += value);
+            fields.towards.push((name.to_owned(), j.into()));
+        }
+    }
+
+    let lights: Vec<Light> = rays
+        .iter()
+        .filter(|_| exact)
+        .map(|lamp| Light::Point { position: lamp.position, intensity: lamp.intensity })
+        .collect();
+    if !exact {
+        lit.direct = match cell_direct {
+            Some(direct) if !towards.is_empty() => direct.towards,
+            _ => towards_eye(relighter, rays, camera),
+        };
+    }
+    progress.begin("image", u64::from(camera.height));
+    let image = look(relighter, &lit, &lights, camera, progress)?;
+    // A codec's error may leave a dark pixel below zero; radiance is not.
+    let image: Vec<f32> = image.into_iter().map(|value| value.max(0.0)).collect();
+    fields.images.push((name.to_owned(), camera.width as usize, image.into()));
+    let report = RelitReport {
+        lamps: lamps.len(),
+        lamps_outside: outside.len(),
+        sources: virtual_lamps.len(),
+        reach_m: relighter.reach().map(|corner| corner.to_array()),
+        direct: if from == DirectFrom::Rows { "rows" } else { "lamps" },
+        relight_ms,
+        error_bound: if size > 0.0 { bound / size } else { 0.0 },
+        live: live.as_ref().map(|&(_, report)| report),
+        exact_direct: exact,
+    };
+    Ok((fields, report))
+}
+
+/// Solves for what lamps that no row answers for scatter.
+fn solve_outside(
+    solver: &LiveSolver,
+    direct: &DirectCells,
+    progress: &dyn Progress,
+) -> Result<(LiveLight, LiveReport), BakeError> {
+    let start = Instant::now();
+    progress.begin("live solve", 1);
+    let solved = solver.solve(direct, &mut |_| !progress.interrupted());
+    progress.check()?;
+    let live = solved?;
+    let seconds = start.elapsed().as_secs_f64();
+    let report = LiveReport { sweeps: live.sweeps, residual: live.residual, seconds };
+    Ok((live, report))
+}
+
+/// J of direct light towards a perspective camera, mean per cell.
+fn towards_eye(relighter: &Relighter<'_>, lamps: &[LampPoint], camera: &Camera) -> Vec<f32> {
+    let cloud = relighter.cloud();
+    let eyes: Vec<[f32; 3]> = (0..cloud.shape.len())
+        .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
+        .collect();
+    let [fewest, most] = CELL_RAYS_PER_LAMP;
+    let rays_per_point = (CELL_RAYS / lamps.len().max(1)).clamp(fewest, most) as u32;
+    let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
+    let mut j = vec![0.0; cloud.shape.len()];
+    flash::add_direct(cloud, relighter.extinction_scale(), lamps, &eyes, settings, &mut j);
+    j
+}
+
+/// The picture: radiance per pixel.
+fn look(
+    relighter: &Relighter<'_>,
+    lit: &LitCells<'_>,
+    lights: &[Light],
+    camera: &Camera,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, BakeError> {
+    let cloud = relighter.cloud();
+    let shown = LitCloud {
+        cloud,
+        exact: lights,
+        extinction_scale: relighter.extinction_scale(),
+        longest_step: shortest(cloud.cell_m),
+    };
+    let even = match camera.projection {
+        Projection::Orthographic { .. } => {
+            let mut j = lit.towards(-camera.forward);
+            j.iter_mut().zip(&lit.direct).for_each(|(sum, value)| *sum += value);
+            Some(j)
+        }
+        Projection::Perspective { .. } => None,
+    };
+    Sampling::new(camera, cloud, lights).picture(progress, |x, y, width| {
+        let ray = camera.ray(x, y);
+        let sum = |point: DVec3, value: &dyn Fn(usize) -> f32| -> f32 {
+            corners(cloud, point).iter().map(|&(cell, weight)| weight * value(cell)).sum()
+        };
+        match &even {
+            Some(j) => shown.look(ray, camera.projection, width, |point| sum(point, &|cell| j[cell])),
+            None => {
+                let factors = lit.factors(-ray.direction);
+                let value = |cell: usize| {
+                    lit.value(cell, &factors) + lit.direct.get(cell).copied().unwrap_or_default()
+                };
+                shown.look(ray, camera.projection, width, |point| sum(point, &value))
+            }
+        }
+        .radiance
+    })
+}
+
+/// What turns planes and live coefficients into J in one direction; planes that do not count are left out.
+struct Factors {
+    planes: Vec<(usize, f32)>,
+    live: [f32; MAX_HARMONICS],
+}
+
+impl LitCells<'_> {
+    fn cells(&self) -> usize {
+        self.planes.len() / self.basis.count()
+    }
+
+    fn factors(&self, towards: DVec3) -> Factors {
+        let mut all = Vec::new();
+        channel_factors(self.basis, towards, &mut all);
+        let planes = all.into_iter().enumerate().filter(|(_, factor)| *factor != 0.0).collect();
+        Factors { planes, live: sphere::harmonics(towards.to_array()).map(|v| v as f32) }
+    }
+
+    /// J of rows and live light in one cell.
+    fn value(&self, cell: usize, factors: &Factors) -> f32 {
+        let cells = self.cells();
+        let rows: f32 = factors.planes.iter().map(|(plane, f)| f * self.planes[plane * cells + cell]).sum();
+        let live = self.live.map_or(0.0, |live| {
+            let row = &live.coefficients[cell * MAX_HARMONICS..][..MAX_HARMONICS];
+            row.iter().zip(&factors.live).map(|(a, b)| a * b).sum()
+        });
+        rows + live
+    }
+
+    /// J of rows and live light in every cell.
+    fn towards(&self, direction: DVec3) -> Vec<f32> {
+        let factors = self.factors(direction);
+        (0..self.cells()).into_par_iter().map(|cell| self.value(cell, &factors)).collect()
+    }
+
+    /// Fluence rate of rows and live light in one cell.
+    fn fluence(&self, cell: usize) -> f32 {
+        let rows = Relit { basis: self.basis, cells: self.cells(), planes: self.planes }.fluence(cell);
+        let live = self.live.map_or(0.0, |live| live.coefficients[cell * MAX_HARMONICS]);
+        rows + live * libm::sqrtf(4.0 * std::f32::consts::PI)
+    }
+}

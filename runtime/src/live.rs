@@ -1,0 +1,188 @@
+//! Light solved for on the spot: what lamps do that no row was baked for, and the exact direct light of those that were.
+//!
+//! The discretisation is that of the asset's rows, so that what comes of a lamp here and what its row would have held differ
+//! by the codec alone. A live solve costs many times a relighting; it is the yardstick that baking is measured by.
+//!
+//! | symbol | name | unit |
+//! | φ | fluence rate ∫ L dΩ | W/m² |
+//! | J | light scattered per unit of scattering coefficient ∫ p(ω·ω') L(ω') dω' | W/(m² sr) |
+
+use crate::error::RuntimeError;
+use crate::relight::LampPoint;
+use crate::transport::Cloud;
+use crate::transport::cloud::CoarseIndex;
+use crate::transport::direct::{DirectField, Light, Tracer};
+use crate::transport::lanes::SimdLevel;
+use crate::transport::quadrature::Quadrature;
+use crate::transport::solve::{SolveBuffers, SolveSettings, Solver};
+use glam::DVec3;
+use squall_formats::section::response::SolverRecord;
+use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
+
+/// Sweeps after which a live solve gives up.
+const MAX_SWEEPS: u32 = 2000;
+/// Lamps traced in one piece; pieces run in parallel and are added in order.
+const LAMPS_PER_PIECE: usize = 8;
+/// Pieces in flight at once: bounds memory, whatever the number of lamps.
+#[cfg(feature = "rayon")]
+const PIECES_AT_ONCE: usize = 8;
+
+/// A cloud prepared for live solving.
+pub struct LiveSolver {
+    fine: Cloud,
+    parent: CoarseIndex,
+    solver: Solver<4>,
+}
+
+/// Direct light of lamps per cell.
+#[derive(Clone, Debug)]
+pub struct DirectCells {
+    /// φ of light never scattered, W/m².
+    pub unscattered: Vec<f32>,
+    /// φ of light that was scattered forward and counts as unscattered in the delta-scaled medium, W/m².
+    pub forward: Vec<f32>,
+    /// J towards each direction asked for, directions innermost, W/(m² sr).
+    pub towards: Vec<f32>,
+    /// Moments of both together on the solve grid.
+    moments: Vec<[f32; 4]>,
+}
+
+impl DirectCells {
+    /// Adds the light of other lamps, collected towards the same directions or towards none.
+    pub fn add(&mut self, other: &Self) {
+        let pairs = [
+            (&mut self.unscattered, &other.unscattered),
+            (&mut self.forward, &other.forward),
+            (&mut self.towards, &other.towards),
+        ];
+        for (sums, values) in pairs {
+            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
+        let sums = self.moments.as_flattened_mut().iter_mut();
+        sums.zip(other.moments.as_flattened()).for_each(|(sum, value)| *sum += value);
+    }
+}
+
+/// Scattered light of lamps per cell, beyond the direct part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LiveLight {
+    /// J's 16 harmonic coefficients per cell.
+    pub coefficients: Vec<f32>,
+    /// Residual that was left.
+    pub residual: f64,
+    /// Sweeps that it took.
+    pub sweeps: u32,
+}
+
+/// The direction set that a [`SolverRecord`] names. Errors: none has that name.
+pub fn quadrature_of(record: &SolverRecord) -> Result<Quadrature, RuntimeError> {
+    let set = match record.directions {
+        [0, 14] => Quadrature::Lebedev14,
+        [0, 26] => Quadrature::Lebedev26,
+        [0, 50] => Quadrature::Lebedev50,
+        [polar, azimuths] => Quadrature::DoubleGauss { polar, azimuths },
+    };
+    set.ordinates().map(|_| set)
+}
+
+impl LiveSolver {
+    /// Prepares `cloud` for solving as `record` says that its rows were.
+    ///
+    /// Errors: a record that no solver can follow.
+    pub fn new(cloud: &Cloud, record: &SolverRecord) -> Result<Self, RuntimeError> {
+        let fine = cloud.refined(record.refine)?;
+        let settings = SolveSettings {
+            quadrature: quadrature_of(record)?,
+            scheme: record.scheme,
+            delta: record.extinction_scale != 1.0,
+            tolerance: record.tolerance,
+            max_sweeps: MAX_SWEEPS,
+            level: SimdLevel::Best,
+        };
+        let solver = Solver::new(&fine, settings)?;
+        Ok(Self { parent: CoarseIndex::new(fine.shape, record.refine), fine, solver })
+    }
+
+    /// Follows the lamps' direct light, `samples`² rays through every boundary face of the solve grid, and collects it
+    /// towards `directions`. The same bytes come out for any number of threads.
+    pub fn direct(&self, lamps: &[LampPoint], directions: &[DVec3], samples: u32) -> DirectCells {
+        let tracer = Tracer::new(&self.fine, self.solver.scaled().extinction_scale);
+        let piece = |lamps: &[LampPoint]| -> DirectField<4> {
+            let mut field = DirectField::new(&self.fine, directions);
+            for lamp in lamps {
+                let light = Light::Point { position: lamp.position, intensity: lamp.intensity };
+                tracer.rays(light, samples, |ray| {
+                    tracer.trace(ray, &mut field);
+                });
+            }
+            field
+        };
+        let mut whole = DirectField::<4>::new(&self.fine, directions);
+        let mut add = |part: DirectField<4>| {
+            let sums =
+                whole.fluence.iter_mut().chain(&mut whole.towards).chain(whole.moments.as_flattened_mut());
+            let values = part.fluence.iter().chain(&part.towards).chain(part.moments.as_flattened());
+            sums.zip(values).for_each(|(sum, value)| *sum += value);
+        };
+        #[cfg(feature = "rayon")]
+        for group in lamps.chunks(LAMPS_PER_PIECE * PIECES_AT_ONCE) {
+            use rayon::prelude::*;
+            let parts: Vec<_> = group.par_chunks(LAMPS_PER_PIECE).map(piece).collect();
+            parts.into_iter().for_each(&mut add);
+        }
+        #[cfg(not(feature = "rayon"))]
+        lamps.chunks(LAMPS_PER_PIECE).map(piece).for_each(&mut add);
+
+        let share = 1.0 / self.fine.cell_volume() as f32;
+        let means = |sums: &[f32], width: usize| -> Vec<f32> {
+            let mut values = self.parent.means(sums, width);
+            values.iter_mut().for_each(|value| *value *= share);
+            values
+        };
+        let y0 = harmonics([0.0, 0.0, 1.0])[0] as f32;
+        let scaled = whole.moments.iter().zip(&whole.fluence);
+        // At least nothing: what is below is round-off between two sums of the same rays.
+        let forward: Vec<f32> =
+            scaled.map(|(moments, unscattered)| (moments[0] / y0 - unscattered).max(0.0)).collect();
+        DirectCells {
+            unscattered: means(&whole.fluence, 1),
+            forward: means(&forward, 1),
+            towards: if directions.is_empty() { Vec::new() } else { means(&whole.towards, directions.len()) },
+            moments: whole.moments.iter().map(|row| row.map(|sum| sum * share)).collect(),
+        }
+    }
+
+    /// Solves for what direct light scatters, any number of times. `watch` sees the residual over its goal after each sweep
+    /// and stops with `false`.
+    ///
+    /// Errors: a residual above the record's tolerance.
+    pub fn solve(
+        &self,
+        direct: &DirectCells,
+        watch: &mut dyn FnMut(f64) -> bool,
+    ) -> Result<LiveLight, RuntimeError> {
+        let mut moments = Vec::new();
+        let mut buffers = SolveBuffers::default();
+        let report =
+            self.solver.solve_watched::<f32>(&direct.moments, &mut moments, &mut buffers, None, watch);
+        let lane = report.lanes[0];
+        if !lane.converged {
+            let found = format!("{:e} after {} sweeps", lane.residual, report.sweeps);
+            return Err(RuntimeError::argument(
+                "live solve",
+                "the residual that the rows were solved to",
+                found,
+            ));
+        }
+        let g = self.fine.g;
+        let powers = [1.0, g, g * g, g * g * g];
+        let scale: [f32; MAX_HARMONICS] = std::array::from_fn(|m| powers[degree_of(m)] as f32);
+        for row in &mut moments {
+            for (value, factor) in row.iter_mut().zip(scale) {
+                *value *= factor;
+            }
+        }
+        let coefficients = self.parent.means(moments.as_flattened(), MAX_HARMONICS);
+        Ok(LiveLight { coefficients, residual: lane.residual, sweeps: report.sweeps })
+    }
+}
