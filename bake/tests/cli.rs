@@ -4,6 +4,8 @@ mod disk;
 mod inspect;
 mod query;
 mod recipe;
+mod relight;
+mod solve;
 mod streaks;
 mod synth;
 

@@ -169,6 +169,9 @@ fn drawing_a_pattern_is_averaging_it_over_pixels() {
 fn shares_of_real_patterns_add_up_to_one() {
     /// Cut off below zero, and read from tables.
     const ENERGY: f64 = 0.015;
+    /// From 4 px on patterns are drawn with their waves, and where a wave of about two pixels meets an edge part of its
+    /// light is lost or gained.
+    const WIDE_ENERGY: f64 = 0.05;
     let set = StreakSet::new(&StreakSection { patterns: patterns().to_vec() });
     let all = Clip { left: 0, top: 0, right: 300, bottom: 300 };
     let mut scratch = PatternScratch::default();
@@ -181,7 +184,8 @@ fn shares_of_real_patterns_add_up_to_one() {
                 rain::Kernel::draw(&set, &footprint, all, &mut scratch, &mut |span| {
                     sum += span.shares[..span.count].iter().map(|&share| f64::from(share)).sum::<f64>();
                 });
-                assert!((sum - 1.0).abs() < ENERGY, "{footprint:?}: {sum}");
+                let most = if width < 4.0 { ENERGY } else { WIDE_ENERGY };
+                assert!((sum - 1.0).abs() < most, "{footprint:?}: {sum}");
             }
         }
     }
