@@ -28,6 +28,9 @@ use squall_formats::section::streak::StreakSection;
 /// Bodies narrower or shorter than this are drawn in thin form.
 const THIN_WIDTH_PX: f32 = 4.0;
 const THIN_LENGTH_PX: f32 = 12.0;
+/// So are patterns with finer waves than this across, where the whole picture is narrower than tables reach.
+const PERIODS_PER_PIXEL: f64 = 0.6;
+const THIN_PICTURE_PX: f64 = 16.0;
 /// Bodies shorter than this are drawn upright or level: their direction does not show, and a pixel's shadows
 /// on the two axes then multiply to the pixel itself.
 const DOT_LENGTH_PX: f64 = 3.0;
@@ -167,7 +170,8 @@ impl StreakSet {
         let Some(pose) = Pose::new(kernel, prepared) else { return };
         let across = prepared.range()[0].map(|u| u * pose.scale[0]);
         let lines = Lines::new(&pose, across, clip);
-        if kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX {
+        let narrowest = (prepared.finest / PERIODS_PER_PIXEL).min(THIN_PICTURE_PX);
+        if kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX || pose.scale[0] < narrowest {
             let [x, y] = pose.along.map(f64::abs);
             let thin = prepared.thin.kernel(pose.scale, (x.min(y) / x.max(y)) as f32);
             draw_thin(&lines, pose.weight, &thin, tile);

@@ -1,8 +1,9 @@
 //! The inner loops: lines of pixels across a kernel.
 //!
 //! F = ∫ T(t) W(x − t) S(x − t) dt, T the pixel's shadow, W the window, S the cosines, expanded about the
-//! pixel's centre: H·S + σ²·H′·S′, with H = T ∗ W read from tables and S already weakened as T weakens each
-//! of its frequencies. σ² H′ is where the visible part of an edge pixel has its centre.
+//! pixel's centre: H·S + ρ·H′·S′, with H = T ∗ W read from tables and S already weakened as T weakens each
+//! of its frequencies. ρ H′ is where the visible part of an edge pixel has its centre: σ² for slow waves,
+//! and for a wave of frequency k that T weakens to T̂ the ρ = (T̂⁻² − 1)/k² that keeps its whole light.
 
 use super::edge::{NARROWEST_BOX, PIXEL_VARIANCE};
 use super::frame::Weigh;
@@ -18,6 +19,11 @@ pub(super) const LANES: usize = 8;
 /// linear: streaks within 6° of a lattice line.
 const STEEP: f32 = 0.1;
 
+/// Radians a pixel below which a wave is as good as level.
+const SLOW: f64 = 1e-2;
+/// Square of the weakest wave whose whole light is kept; patterns that need less are drawn thin.
+const FAINTEST: f64 = 0.1;
+
 /// A term along a line of pixels.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wave {
@@ -29,7 +35,7 @@ pub(super) struct Wave {
     lanes: [[f32; LANES]; 2],
     /// e^{i·LANES·δ}.
     chunk: [f32; 2],
-    /// Radians per pixel across, times a pixel's variance.
+    /// Radians per pixel across, times ρ.
     rate: f32,
 }
 
@@ -162,13 +168,22 @@ pub(super) fn draw<W: Weigh>(
             let turns = |step: [f64; 2]| per_pixel[0] * step[0] + per_pixel[1] * step[1];
             // Frequency in the frame: what a pixel, a square of side 1, leaves of it.
             let left = sinc(turns(lines.step)) * sinc(turns(lines.line_step));
+            // The wave across alone, which meets the sides: what a pixel leaves of it, and where its light is.
+            let side = |step: f64| sinc(per_pixel[0] * step);
+            let across = side(lines.step[0]) * side(lines.line_step[0]);
+            let wave_number = TAU * per_pixel[0];
+            let rate = if wave_number.abs() < SLOW {
+                wave_number * f64::from(PIXEL_VARIANCE)
+            } else {
+                (1.0 / (across * across).max(FAINTEST) - 1.0) / wave_number
+            };
             let start = unit(turns(place) + term.turns);
             let (fast, slow) = (turns(lines.step), turns(lines.line_step));
             let lane = unit(fast);
             let mut wave = Wave {
                 state: start.map(|part| part * term.amplitude * left as f32),
                 turns: [0, 1].map(|extra| unit(slow + f64::from(least_move + extra) * fast)),
-                rate: (TAU * per_pixel[0]) as f32 * PIXEL_VARIANCE,
+                rate: rate as f32,
                 ..Wave::default()
             };
             let mut turned = [1.0, 0.0];

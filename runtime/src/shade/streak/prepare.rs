@@ -5,11 +5,16 @@ use super::thin::Thin;
 use squall_formats::section::streak::{Body, CosinePattern, EdgeWindow, Pattern, StreakPattern, Window};
 use std::f64::consts::TAU;
 
+/// Amplitude below which a wave does not decide how a pattern is drawn.
+const VISIBLE: f32 = 0.02;
+
 /// A pattern ready to be drawn.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     pub body: Body,
     pub mean: f32,
+    /// Periods across of its finest visible wave.
+    pub finest: f64,
     /// How it is drawn where its width is resolved.
     pub light: Light,
     /// How it is drawn where it is not.
@@ -67,7 +72,14 @@ impl Prepared {
         };
         let body = streak.body;
         let integral = streak.mean * body.width() * body.length();
-        Self { body, mean: streak.mean as f32, light, thin: Thin::new(&streak.pattern, integral) }
+        let finest = match &light {
+            Light::Cosines(cosines) => {
+                let visible = cosines.terms.iter().filter(|term| term.amplitude > VISIBLE);
+                visible.map(|term| term.frequency[0].abs()).fold(0.0, f64::max)
+            }
+            Light::Products(_) => 0.0,
+        };
+        Self { body, mean: streak.mean as f32, finest, light, thin: Thin::new(&streak.pattern, integral) }
     }
 
     /// The cosines, of a pattern that is made of them.
