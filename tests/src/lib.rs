@@ -50,6 +50,8 @@ mod golden;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
+mod known_issues;
+#[cfg(test)]
 mod layering;
 #[cfg(test)]
 mod rain;
