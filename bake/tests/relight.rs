@@ -195,7 +195,8 @@ fn light_adds_up_and_grows_with_intensity() {
             let name = ["image_top.f32", "image_eye.f32"][camera];
             let (a, b) = (lamp(BETWEEN, 2.0), lamp(NODES[1], 7.0));
             let one = |lamps: &[Value]| relight(asset, lamps, camera, &[]).read(name);
-            let (first, second, both) = (one(&[a.clone()]), one(&[b.clone()]), one(&[a, b]));
+            let (first, second, both) =
+                (one(std::slice::from_ref(&a)), one(std::slice::from_ref(&b)), one(&[a, b]));
             let sum: Vec<f32> = first.iter().zip(&second).map(|(x, y)| x + y).collect();
             let off = distance(&both, &sum);
             assert!(off < PICTURES, "{asset} {name}: {off}");

@@ -177,7 +177,7 @@ impl<'a> Storm<'a> {
             Some((known, detail)) if known == billows => detail,
             _ => Detail::new(&billows)?,
         };
-        let drawn = self.draw_with(view, &camera, &sky, &detail, quality, memory);
+        let drawn = self.draw_with(view, &camera, (&sky, &detail), quality, memory);
         memory.sky = Some((parameters, sky));
         memory.detail = Some((billows, detail));
         drawn
@@ -187,8 +187,7 @@ impl<'a> Storm<'a> {
         &self,
         view: &ViewSection,
         camera: &Camera,
-        sky: &Sky,
-        detail: &Detail,
+        (sky, detail): (&Sky, &Detail),
         quality: FrameQuality,
         memory: &mut FrameMemory,
     ) -> Result<FrameReport, RuntimeError> {

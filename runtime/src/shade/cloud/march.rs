@@ -88,7 +88,7 @@ impl MarchedCloud<'_> {
         let (a, b) = ((origin - from) / way, (far_corner - from) / way);
         let near = a.min(b).max_element().max(0.0);
         let far = a.max(b).min_element();
-        if !(near < far) {
+        if near.is_nan() || far.is_nan() || near >= far {
             return NOTHING;
         }
         let fine = self.billow.map_or(f32::INFINITY, |size| size / STEPS_PER_BILLOW);
