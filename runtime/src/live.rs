@@ -14,7 +14,7 @@ use crate::transport::cloud::CoarseIndex;
 use crate::transport::direct::{DirectField, Light, Tracer};
 use crate::transport::lanes::SimdLevel;
 use crate::transport::quadrature::Quadrature;
-use crate::transport::solve::{SolveBuffers, SolveSettings, Solver};
+use crate::transport::solve::{Iteration, SolveBuffers, SolveSettings, Solver};
 use glam::DVec3;
 use squall_formats::section::response::SolverRecord;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
@@ -97,6 +97,7 @@ impl LiveSolver {
             delta: record.extinction_scale != 1.0,
             tolerance: record.tolerance,
             max_sweeps: MAX_SWEEPS,
+            iteration: Iteration::Minres,
             level: SimdLevel::Best,
         };
         let solver = Solver::new(&fine, settings)?;

@@ -41,8 +41,21 @@ pub struct SolveSettings {
     pub tolerance: f64,
     /// Sweeps after which the solver gives up.
     pub max_sweeps: u32,
+    /// How solutions are come by.
+    pub iteration: Iteration,
     /// Instructions to use; all give the same bytes.
     pub level: SimdLevel,
+}
+
+/// How a solve goes from sweep to sweep.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Iteration {
+    /// MINRES: of all combinations of the sweeps so far that with the smallest residual.
+    #[default]
+    Minres,
+    /// One order of scattering a sweep, as \[dobashi\] sums them: a baseline. What a sweep adds is then the residual, and in
+    /// deep clouds without absorption it is small long before the sum is complete.
+    Source,
 }
 
 impl Default for SolveSettings {
@@ -53,6 +66,7 @@ impl Default for SolveSettings {
             delta: true,
             tolerance: 1e-3,
             max_sweeps: 2000,
+            iteration: Iteration::Minres,
             level: SimdLevel::Best,
         }
     }
@@ -244,6 +258,13 @@ impl<const M: usize> Solver<M> {
                 !stopped
             };
             let watch: &mut dyn FnMut(f64) -> bool = &mut seen;
+            if self.settings.iteration == Iteration::Source {
+                self.add_order(buffers, &residual, &goals);
+                if !watch(worst_over(&residual, &goals)) {
+                    break;
+                }
+                continue;
+            }
             let round = Minres { solver: self, buffers, residual: &residual, goals: &goals, budget, watch };
             let used = run(self.settings.level, round);
             sweeps += used;
@@ -261,6 +282,17 @@ impl<const M: usize> Solver<M> {
         BatchReport { sweeps: sweeps + 1, lanes: lanes.collect() }
     }
 
+    /// Adds the order of scattering that `newest` holds, E times over, to the lanes that are above their goals.
+    fn add_order<P: Lanes>(&self, buffers: &mut SolveBuffers<P, M>, residual: &[f64], goals: &[f64]) {
+        let unfinished = |lane: usize| residual[lane] > goals[lane] && residual[lane].is_finite();
+        for (z, order) in buffers.solution.iter_mut().zip(&buffers.newest) {
+            for m in 0..M {
+                let add = |lane| if unfinished(lane) { order[m].lane(lane) * self.flip[m] } else { 0.0 };
+                z[m] = P::from_fn(|lane| z[m].lane(lane) + add(lane));
+            }
+        }
+    }
+
     /// What a sweep of `source` starts from.
     fn emission<'a, P>(&'a self, source: &'a [[P; M]]) -> Emission<'a, P, M> {
         Emission { cells: &self.cells, root_moments: self.signed_moments, source }
@@ -272,6 +304,11 @@ impl<const M: usize> Solver<M> {
         let root = self.cells.root_scattering[cell];
         std::array::from_fn(|m| root * self.root_moments[degree_of(m)])
     }
+}
+
+/// The largest residual over its goal.
+fn worst_over(residual: &[f64], goals: &[f64]) -> f64 {
+    residual.iter().zip(goals).map(|(r, goal)| if r > goal { r / goal } else { 0.0 }).fold(0.0, f64::max)
 }
 
 impl<P: Lanes, const M: usize> SolveBuffers<P, M> {
