@@ -7,6 +7,7 @@
 pub mod cloud;
 pub mod compress;
 pub mod density;
+pub mod diff;
 pub mod error;
 pub mod fields;
 pub mod input;

@@ -1,6 +1,7 @@
 //! One file per subcommand; no mathematics in any of them.
 
 mod bake;
+mod diff;
 mod folder;
 mod inspect;
 mod picture;
@@ -34,6 +35,7 @@ enum Command {
     Query(query::Args),
     Inspect(inspect::Args),
     Verify(verify::Args),
+    Diff(diff::Args),
     /// Turns pictures of streaks into cosines, and says how well.
     #[command(subcommand)]
     Streaks(streaks::Command),
@@ -52,6 +54,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Query(args) => query::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Verify(args) => verify::run(args),
+        Command::Diff(args) => diff::run(args),
         Command::Streaks(command) => streaks::run(command),
         Command::Synth(command) => synth::run(command),
     }

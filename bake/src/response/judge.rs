@@ -68,7 +68,7 @@ fn judge_one(relighter: &Relighter<'_>, test: &TestStroke) -> Result<Verdict, Ba
 }
 
 /// Channels to values in the 26 directions, 26 a cell.
-fn spread(relit: &Relit<'_>) -> Vec<f32> {
+pub fn spread(relit: &Relit<'_>) -> Vec<f32> {
     let channels = relit.basis.count();
     match relit.basis {
         ChannelBasis::Directions26 => {

@@ -1,0 +1,329 @@
+//! What changed between two assets: sections, inputs, budgets, and how far each part of one lies from the other's.
+//!
+//! A part's distance is its own error measure, with the second asset in the place of the truth.
+
+use crate::error::BakeError;
+use crate::response::judge::{compare, spread, test_strokes};
+use crate::streak::{draw, quality};
+use serde::Serialize;
+use squall_formats::Tag;
+use squall_formats::container::Entry;
+use squall_formats::drops::View;
+use squall_formats::section::bolt::BoltSection;
+use squall_formats::section::cloud::CloudSection;
+use squall_formats::section::density::{DensitySection, Mode};
+use squall_formats::section::provenance::ProvenanceSection;
+use squall_formats::section::response::ResponseSection;
+use squall_formats::section::streak::StreakSection;
+use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
+use squall_runtime::Asset;
+use squall_runtime::density::lookup_counts;
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::stroke::Stroke;
+
+/// Everything that differs between assets A and B; nothing where they are the same.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Difference {
+    /// Whether every byte is the same.
+    pub identical: bool,
+    /// Sections that are in one alone, or in both with other bytes.
+    pub sections: Vec<SectionChange>,
+    /// Tool, recipe and inputs that differ.
+    pub provenance: Vec<ValueChange>,
+    /// Budgets that differ in what was asked, got or chosen.
+    pub budgets: Vec<ValueChange>,
+    /// How far each part of A lies from B's.
+    pub parts: Vec<PartDistance>,
+}
+
+/// A section that differs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SectionChange {
+    /// Its tag.
+    pub tag: String,
+    /// Version in A and B.
+    pub version: [Option<u16>; 2],
+    /// Length in A and B, bytes; `None` where the section is not there.
+    pub bytes: [Option<u64>; 2],
+}
+
+/// A named value that differs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ValueChange {
+    /// What it is.
+    pub name: String,
+    /// In A, if there.
+    pub a: Option<String>,
+    /// In B, if there.
+    pub b: Option<String>,
+}
+
+/// How far a part of A lies from B's.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PartDistance {
+    /// The section's tag.
+    pub part: String,
+    /// What was measured, with its unit.
+    pub metric: String,
+    /// The figure; `None` where the two cannot be compared, and `metric` then says why.
+    pub value: Option<f64>,
+}
+
+/// Views that tables of counts are compared in: in the ranges that both cover.
+const VIEWS: usize = 64;
+/// Strokes that responses are compared by where neither asset brings any.
+const STROKES: usize = 4;
+
+/// Compares two open assets.
+///
+/// Errors: a damaged section.
+pub fn diff(a: &Asset, b: &Asset) -> Result<Difference, BakeError> {
+    let mut found = Difference { identical: a.bytes() == b.bytes(), ..Difference::default() };
+    if found.identical {
+        return Ok(found);
+    }
+    let mut tags: Vec<Tag> = a.directory().entries.iter().map(|entry| entry.tag).collect();
+    for entry in &b.directory().entries {
+        if !tags.contains(&entry.tag) {
+            tags.push(entry.tag);
+        }
+    }
+    let mut changed = Vec::new();
+    for tag in tags {
+        let entries = [a, b].map(|asset| asset.directory().find(tag));
+        if same_bytes([a, b], entries)? {
+            continue;
+        }
+        found.sections.push(SectionChange {
+            tag: tag.to_string(),
+            version: entries.map(|entry| entry.map(|e| e.version)),
+            bytes: entries.map(|entry| entry.map(|e| e.length)),
+        });
+        if entries.iter().all(|entry| entry.is_some()) {
+            changed.push(tag);
+        }
+    }
+    compare_provenance(a, b, &mut found)?;
+    for tag in changed {
+        match tag {
+            CloudSection::TAG => compare_grids(a, b, &mut found)?,
+            ResponseSection::TAG => compare_responses(a, b, &mut found)?,
+            StreakSection::TAG => compare_streaks(a, b, &mut found)?,
+            DensitySection::TAG => compare_densities(a, b, &mut found)?,
+            _ => {}
+        }
+    }
+    Ok(found)
+}
+
+fn same_bytes(assets: [&Asset; 2], entries: [Option<&Entry>; 2]) -> Result<bool, BakeError> {
+    let [Some(a), Some(b)] = entries else { return Ok(false) };
+    let bytes = |asset: &Asset, entry: &Entry| -> Result<Vec<u8>, BakeError> {
+        Ok(entry.bytes(asset.bytes()).map_err(|error| asset.wrap(error))?.to_vec())
+    };
+    Ok(a.version == b.version && a.length == b.length && bytes(assets[0], a)? == bytes(assets[1], b)?)
+}
+
+fn compare_provenance(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
+    let read = |asset: &Asset| -> Result<Option<ProvenanceSection>, BakeError> {
+        Ok(match asset.directory().find(ProvenanceSection::TAG) {
+            Some(_) => Some(asset.section(ProvenanceSection::TAG, "provenance", ProvenanceSection::read)?),
+            None => None,
+        })
+    };
+    let both = [read(a)?, read(b)?];
+    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let facts = |made: &ProvenanceSection| -> Vec<(String, String)> {
+        let mut list = vec![("tool".into(), made.tool.clone()), ("recipe".into(), hex(&made.recipe_hash))];
+        let inputs = made.inputs.iter();
+        list.extend(
+            inputs.map(|input| (input.name.clone(), format!("{} bytes, {}", input.bytes, hex(&input.hash)))),
+        );
+        list
+    };
+    let budgets = |made: &ProvenanceSection| -> Vec<(String, String)> {
+        let asked = |value: Option<f64>| value.map_or("nothing".into(), |v| format!("{v}"));
+        let line = |budget: &squall_formats::section::provenance::BudgetRecord| {
+            let value =
+                format!("asked {}, got {}, chosen {}", asked(budget.asked), budget.got, budget.chosen);
+            (format!("{}: {}", budget.part, budget.metric), value)
+        };
+        made.budgets.iter().map(line).collect()
+    };
+    let lists = |pick: &dyn Fn(&ProvenanceSection) -> Vec<(String, String)>| {
+        both.each_ref().map(|made| made.as_ref().map(pick).unwrap_or_default())
+    };
+    found.provenance = changes(lists(&facts));
+    found.budgets = changes(lists(&budgets));
+    Ok(())
+}
+
+/// Values that differ by name; a name that is there twice is told apart by its place.
+fn changes([a, b]: [Vec<(String, String)>; 2]) -> Vec<ValueChange> {
+    let number = |list: &[(String, String)], name: &str, nth: usize| -> Option<String> {
+        list.iter().filter(|(n, _)| n == name).nth(nth).map(|(_, value)| value.clone())
+    };
+    let mut names: Vec<(String, usize)> = Vec::new();
+    for list in [&a, &b] {
+        for (at, (name, _)) in list.iter().enumerate() {
+            let nth = list[..at].iter().filter(|(n, _)| n == name).count();
+            if !names.contains(&(name.clone(), nth)) {
+                names.push((name.clone(), nth));
+            }
+        }
+    }
+    let change = |(name, nth): (String, usize)| {
+        let (in_a, in_b) = (number(&a, &name, nth), number(&b, &name, nth));
+        (in_a != in_b).then_some(ValueChange { name, a: in_a, b: in_b })
+    };
+    names.into_iter().filter_map(change).collect()
+}
+
+impl Difference {
+    fn measured(&mut self, part: Tag, metric: impl Into<String>, value: f64) {
+        self.parts.push(PartDistance { part: part.to_string(), metric: metric.into(), value: Some(value) });
+    }
+
+    fn cannot(&mut self, part: Tag, why: impl Into<String>) {
+        let metric = format!("not comparable: {}", why.into());
+        self.parts.push(PartDistance { part: part.to_string(), metric, value: None });
+    }
+}
+
+fn compare_grids(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
+    let read = |asset| Asset::section(asset, CloudSection::TAG, "the cloud grid", CloudSection::read);
+    let [x, r] = [read(a)?, read(b)?];
+    if x.head.shape != r.head.shape {
+        found.cannot(CloudSection::TAG, format!("{:?} beside {:?}", x.head.shape, r.head.shape));
+        return Ok(());
+    }
+    let (mut square, mut size) = (0.0, 0.0);
+    for (&x, &r) in x.extinction.iter().zip(r.extinction) {
+        square += f64::from(x - r) * f64::from(x - r);
+        size += f64::from(r) * f64::from(r);
+    }
+    let l2 = if size > 0.0 { libm::sqrt(square / size) } else { 0.0 };
+    found.measured(CloudSection::TAG, "extinction, relative L2", l2);
+    if x.head != r.head {
+        found.cannot(CloudSection::TAG, format!("other optics or place: {:?} beside {:?}", x.head, r.head));
+    }
+    Ok(())
+}
+
+fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
+    let tag = ResponseSection::TAG;
+    let [x, r] = [Relighter::new(a)?, Relighter::new(b)?];
+    if x.cloud().shape != r.cloud().shape {
+        found.cannot(tag, "clouds of other shapes");
+        return Ok(());
+    }
+    if x.direct() != r.direct() || x.extinction_scale() != r.extinction_scale() {
+        found.cannot(tag, "rows that hold other parts of the light");
+        return Ok(());
+    }
+    let both = |lamp: &LampPoint| x.reaches(lamp.position) && r.reaches(lamp.position);
+    let mut strokes: Vec<Vec<LampPoint>> = Vec::new();
+    for asset in [a, b] {
+        if strokes.is_empty() && asset.directory().find(BoltSection::TAG).is_some() {
+            let section = asset.section(BoltSection::TAG, "the strokes", BoltSection::read)?;
+            let lamps = section.strokes.iter().map(|record| Stroke::grow(record).lamps(0.0));
+            strokes
+                .extend(lamps.map(|lamps| lamps.into_iter().filter(|lamp| both(lamp)).collect::<Vec<_>>()));
+            strokes.retain(|lamps| !lamps.is_empty());
+        }
+    }
+    if strokes.is_empty() {
+        let usable = |point| x.reaches(point) && r.reaches(point);
+        let [low, high] = x.reach();
+        let spacing = (high - low).max_element() / 40.0;
+        strokes = test_strokes(x.cloud(), x.reach(), usable, spacing, STROKES);
+    }
+    if strokes.is_empty() {
+        found.cannot(tag, "no stroke that both reach");
+        return Ok(());
+    }
+    let (mut square, mut tail, mut median) = (0.0, 0.0f64, 0.0f64);
+    for lamps in &strokes {
+        let light = |relighter: &Relighter<'_>| -> Result<Vec<f32>, BakeError> {
+            let mut buffers = RelightBuffers::default();
+            Ok(spread(&relighter.relight(lamps, RelightOptions::default(), &mut buffers)?))
+        };
+        let error = compare(&light(&x)?, &light(&r)?);
+        square += error.l2 * error.l2;
+        tail = tail.max(error.tail);
+        median = median.max(error.median);
+    }
+    let l2 = libm::sqrt(square / strokes.len() as f64);
+    found.measured(tag, format!("relit light of {} strokes, relative L2", strokes.len()), l2);
+    found.measured(tag, "relit light, 99.9th percentile over the peak, worst stroke", tail);
+    found.measured(tag, "relit light, median pointwise, worst stroke", median);
+    Ok(())
+}
+
+fn compare_streaks(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
+    let tag = StreakSection::TAG;
+    let read = |asset| Asset::section(asset, tag, "streak patterns", StreakSection::read);
+    let [x, r] = [read(a)?, read(b)?];
+    let mut worst = f64::INFINITY;
+    for pattern in &x.patterns {
+        let same = |other: &&squall_formats::section::streak::StreakPattern| other.name == pattern.name;
+        let Some(other) = r.patterns.iter().find(same) else {
+            found.cannot(tag, format!("pattern `{}` is in one alone", pattern.name));
+            continue;
+        };
+        let [width, height] = other.size_px.map(usize::from);
+        let drawn = [pattern, other].map(|pattern| draw(&pattern.pattern, width, height));
+        worst = worst.min(quality::psnr_db(&drawn[1], &drawn[0]));
+    }
+    if worst < f64::INFINITY {
+        found.measured(tag, "worst pattern, PSNR in dB", worst);
+    }
+    for other in &r.patterns {
+        if !x.patterns.iter().any(|pattern| pattern.name == other.name) {
+            found.cannot(tag, format!("pattern `{}` is in one alone", other.name));
+        }
+    }
+    Ok(())
+}
+
+fn compare_densities(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
+    let tag = DensitySection::TAG;
+    let read = |asset| Asset::section(asset, tag, "rain density tables", DensitySection::read);
+    let [x, r] = [read(a)?, read(b)?];
+    let common = |p: [f64; 2], q: [f64; 2]| [p[0].max(q[0]), p[1].min(q[1])];
+    let rates = common(x.ranges.rate.map(|v| v.0), r.ranges.rate.map(|v| v.0));
+    let fovs = common(x.ranges.vertical_fov.map(|v| v.0), r.ranges.vertical_fov.map(|v| v.0));
+    let exposures = common(x.ranges.exposure.map(|v| v.0), r.ranges.exposure.map(|v| v.0));
+    let lengths = common(x.ranges.length_px, r.ranges.length_px);
+    if [rates, fovs, exposures, lengths].iter().any(|[low, high]| low > high) {
+        found.cannot(tag, "ranges that do not meet");
+        return Ok(());
+    }
+    for mode in Mode::ALL {
+        let mut worst = 0.0f64;
+        for number in 0..VIEWS {
+            // Eight rates, and views that go through their ranges at other paces.
+            let share = |step: usize| ((number * step) % VIEWS) as f64 / (VIEWS - 1) as f64;
+            let within = |[low, high]: [f64; 2], share: f64| (low + (high - low) * share).clamp(low, high);
+            let view = View {
+                vertical_fov: Degrees(within(fovs, share(7))).into(),
+                height_px: 1080.0,
+                aspect: 16.0 / 9.0,
+                exposure: Seconds(within(exposures, share(11))),
+                min_px: lengths[0],
+                max_px: lengths[1],
+            };
+            let rate = rates[0] * libm::pow(rates[1] / rates[0], share(1));
+            let rate = MillimetresPerHour(rate.clamp(rates[0], rates[1]));
+            let total = |section: &DensitySection| -> Result<f64, BakeError> {
+                Ok(lookup_counts(section, mode, &view, rate)?.iter().sum())
+            };
+            let (found, wanted) = (total(&x)?, total(&r)?);
+            if wanted > 0.0 {
+                worst = worst.max((found / wanted - 1.0).abs());
+            }
+        }
+        found.measured(tag, format!("counts in mode {}, largest relative difference", mode.name()), worst);
+    }
+    Ok(())
+}
