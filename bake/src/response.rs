@@ -6,11 +6,13 @@
 //! what compression costs.
 
 pub mod judge;
+pub mod lamps;
 
 use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use glam::DVec3;
+pub use lamps::{LampGrid, LampSpacing, lamp_grid};
 use rayon::prelude::*;
 use squall_formats::haar::Haar;
 use squall_formats::section::response::{
@@ -32,59 +34,6 @@ use squall_runtime::transport::solve::{
 pub const BATCH: usize = 16;
 /// Batches between two ordered gatherings: enough for many threads, few enough to bound memory.
 const BATCHES_AT_ONCE: usize = 16;
-
-/// Nodes of the lamp grid.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LampGrid {
-    /// Rising node coordinates, m.
-    pub x_m: Vec<f64>,
-    /// Rising node coordinates, m.
-    pub y_m: Vec<f64>,
-    /// Rising node coordinates, m.
-    pub z_m: Vec<f64>,
-    /// Which nodes to bake, x fastest; all where empty.
-    pub wanted: Vec<bool>,
-}
-
-impl LampGrid {
-    /// Number of nodes.
-    pub fn len(&self) -> usize {
-        self.x_m.len() * self.y_m.len() * self.z_m.len()
-    }
-
-    /// Whether there is no node.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// The nodes that a lamp at `point` is split over; `None` outside the grid.
-    pub fn around(&self, point: DVec3) -> Option<Vec<usize>> {
-        let side = |axis: &[f64], value: f64| -> Option<[usize; 2]> {
-            let (first, last) = (*axis.first()?, *axis.last()?);
-            if !(first..=last).contains(&value) {
-                return None;
-            }
-            let high = axis.partition_point(|&node| node < value);
-            Some(if axis[high] == value { [high, high] } else { [high - 1, high] })
-        };
-        let (x, y, z) = (side(&self.x_m, point.x)?, side(&self.y_m, point.y)?, side(&self.z_m, point.z)?);
-        let mut nodes = Vec::with_capacity(8);
-        for corner in 0..8 {
-            let node =
-                x[corner & 1] + self.x_m.len() * (y[corner >> 1 & 1] + self.y_m.len() * z[corner >> 2]);
-            if !nodes.contains(&node) {
-                nodes.push(node);
-            }
-        }
-        Some(nodes)
-    }
-
-    /// Position of node `index`.
-    pub fn position(&self, index: usize) -> DVec3 {
-        let (nx, ny) = (self.x_m.len(), self.y_m.len());
-        DVec3::new(self.x_m[index % nx], self.y_m[index / nx % ny], self.z_m[index / nx / ny])
-    }
-}
 
 /// How to bake a response.
 #[derive(Clone, Copy, Debug)]
@@ -141,9 +90,21 @@ pub struct TestStroke {
     pub uncompressed: Vec<f32>,
 }
 
-struct Batch {
+struct Batch<R> {
     report: BatchReport,
-    rows: Vec<(CompressedRow, Option<Vec<f32>>)>,
+    rows: Vec<(R, Option<Vec<f32>>)>,
+}
+
+/// Rows solved and Haar-transformed, not yet coded: what compression is tried on.
+pub struct SolvedRows {
+    /// Head of a response in these channels, coded by nothing yet.
+    pub head: ResponseHead,
+    /// Coefficients of every row, one plane a channel.
+    pub planes: Vec<Vec<f32>>,
+    /// Test strokes.
+    pub tests: Vec<TestStroke>,
+    /// Sweeps times sixteen lamps.
+    pub sweeps: u64,
 }
 
 /// Bakes the rows of all wanted nodes, and behind them those of distant light.
@@ -156,6 +117,75 @@ pub fn bake_response(
     strokes: &[Vec<LampPoint>],
     progress: &dyn Progress,
 ) -> Result<BakedResponse, BakeError> {
+    let count = settings.channels.count();
+    let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
+    let (mut rows, mut kept) = (ResponseRows::default(), 0);
+    let solved = solve_each_row(cloud, sources, settings, strokes, progress, &code, &mut |row| {
+        kept += row.kept;
+        rows.bounds.extend_from_slice(&row.bounds);
+        rows.rows.push(row.bytes);
+    })?;
+    let (head, tests, sweeps) = solved;
+    Ok(BakedResponse { head, rows, tests, kept, sweeps })
+}
+
+/// [`bake_response`] up to where rows are coded. Takes four bytes a cell, channel and row.
+pub fn solve_rows(
+    cloud: &Cloud,
+    sources: &Sources,
+    settings: &ResponseSettings,
+    strokes: &[Vec<LampPoint>],
+    progress: &dyn Progress,
+) -> Result<SolvedRows, BakeError> {
+    let mut planes = Vec::new();
+    let keep = |planes: Vec<f32>| planes;
+    let solved =
+        solve_each_row(cloud, sources, settings, strokes, progress, &keep, &mut |row| planes.push(row))?;
+    let (head, tests, sweeps) = solved;
+    Ok(SolvedRows { head, planes, tests, sweeps })
+}
+
+impl SolvedRows {
+    /// The response that these rows make in `channels`, coded so that each source is off by at most `relative_error`, and what
+    /// it keeps. Test strokes come along in the same channels.
+    ///
+    /// Panics when `channels` holds more than was solved for.
+    pub fn encode(&self, channels: ChannelBasis, codec: Codec, relative_error: f64) -> BakedResponse {
+        let cells = self.head.shape.len();
+        let length = channels.count() * cells;
+        let code =
+            |planes: &Vec<f32>| compress_row(&planes[..length], channels.count(), codec, relative_error);
+        let coded: Vec<CompressedRow> = self.planes.par_iter().map(code).collect();
+        let (mut rows, mut kept) = (ResponseRows::default(), 0);
+        for row in coded {
+            kept += row.kept;
+            rows.bounds.extend_from_slice(&row.bounds);
+            rows.rows.push(row.bytes);
+        }
+        let cut = |test: &TestStroke| {
+            let uncompressed = test.uncompressed.iter().take(length).copied().collect();
+            TestStroke { uncompressed, ..test.clone() }
+        };
+        BakedResponse {
+            head: ResponseHead { channels, codec, ..self.head.clone() },
+            rows,
+            tests: self.tests.iter().map(cut).collect(),
+            kept,
+            sweeps: self.sweeps,
+        }
+    }
+}
+
+/// Solves all rows; each goes through `finish` on the thread that solved it and then, in row order, to `take`.
+fn solve_each_row<R: Send>(
+    cloud: &Cloud,
+    sources: &Sources,
+    settings: &ResponseSettings,
+    strokes: &[Vec<LampPoint>],
+    progress: &dyn Progress,
+    finish: &(dyn Fn(Vec<f32>) -> R + Sync),
+    take: &mut dyn FnMut(R),
+) -> Result<(ResponseHead, Vec<TestStroke>, u64), BakeError> {
     let factors = [settings.refine; 3];
     let fine = cloud.refined(factors)?;
     let solver = Solver::<4>::new(&fine, settings.solve)?;
@@ -212,7 +242,7 @@ pub fn bake_response(
     let distant: Vec<Vec<Light>> =
         sources.distant.iter().map(|&kind| distant_lights(kind)).collect::<Result<_, _>>()?;
     progress.begin("cloud response", (lamps.len() + distant.len()) as u64);
-    let (mut rows, mut kept, mut sweeps) = (ResponseRows::default(), 0, 0u64);
+    let (mut row_number, mut sweeps) = (0u32, 0u64);
     let mut batches: Vec<(u32, &[Vec<Light>], bool)> = Vec::new();
     for (lights, first, in_rows) in [(&lamps, 0, context.in_rows()), (&distant, lamps.len(), true)] {
         batches.extend(
@@ -220,12 +250,13 @@ pub fn bake_response(
         );
     }
     for group in batches.chunks(BATCHES_AT_ONCE) {
-        let solved: Vec<Result<Batch, BakeError>> = group
+        let solved: Vec<Result<Batch<R>, BakeError>> = group
             .par_iter()
             .map_init(Work::default, |work, &(first, lights, in_rows)| {
                 progress.check()?;
                 let needed = |row: u32| weights.iter().any(|list| list.iter().any(|&(r, _)| r == row));
-                let done = context.solve_batch(lights, in_rows, |lane| needed(first + lane as u32), work);
+                let needed = |lane: usize| needed(first + lane as u32);
+                let done = context.solve_batch(lights, in_rows, needed, finish, work);
                 progress.advance(lights.len() as u64);
                 done
             })
@@ -238,17 +269,15 @@ pub fn bake_response(
                 head.solver.worst_residual = head.solver.worst_residual.max(lane.residual);
             }
             for (row, values) in batch.rows {
-                let number = rows.rows.len() as u32;
                 if let Some(values) = values {
-                    add_to_tests(&mut tests, &weights, number, &values);
+                    add_to_tests(&mut tests, &weights, row_number, &values);
                 }
-                kept += row.kept;
-                rows.bounds.extend_from_slice(&row.bounds);
-                rows.rows.push(row.bytes);
+                row_number += 1;
+                take(row);
             }
         }
     }
-    Ok(BakedResponse { head, rows, tests, kept, sweeps })
+    Ok((head, tests, sweeps))
 }
 
 /// Beams that together are distant light of unit strength: for a hemisphere, one a direction of a fine set.
@@ -412,13 +441,14 @@ impl Context<'_> {
         planes
     }
 
-    fn solve_batch(
+    fn solve_batch<R>(
         &self,
         lanes: &[Vec<Light>],
         in_rows: bool,
         needed: impl Fn(usize) -> bool,
+        finish: &(dyn Fn(Vec<f32>) -> R + Sync),
         work: &mut Work<F32x16>,
-    ) -> Result<Batch, BakeError> {
+    ) -> Result<Batch<R>, BakeError> {
         let report = self.solve_lanes(lanes, in_rows, work)?;
         let mut rows = Vec::with_capacity(lanes.len());
         for lane in 0..lanes.len() {
@@ -427,8 +457,7 @@ impl Context<'_> {
             for plane in planes.chunks_exact_mut(self.haar.len()) {
                 self.haar.forward(plane, &mut work.scratch);
             }
-            let (codec, error) = (self.settings.codec, self.settings.relative_error);
-            rows.push((compress_row(&planes, self.settings.channels.count(), codec, error), kept));
+            rows.push((finish(planes), kept));
         }
         Ok(Batch { report, rows })
     }
@@ -495,72 +524,4 @@ pub fn in_26_directions(coefficients: &[f32]) -> Vec<f32> {
         out.extend(basis.iter().map(|b| b.iter().zip(values).map(|(x, y)| x * y).sum::<f32>()));
     }
     out
-}
-
-/// Node coordinates of a lamp grid over a cloud. \[dobashi\] §5.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LampSpacing {
-    /// Distance between nodes sideways and above the cloud's base, h_usr, m.
-    pub base_m: f64,
-    /// ε of eq. 4, 1/m²: how much 1/r² may fall from one node below the base to the next.
-    pub epsilon: f64,
-    /// Longest interval below the base, m. Eq. 4 alone lets it grow without end once 1/r² < ε.
-    pub longest_m: f64,
-}
-
-/// Nodes over the box `low`…`high`: even steps of at most `base_m` sideways and above `base_height`; below it the longest
-/// intervals that eq. 4 allows, no shorter than `base_m` and no longer than `longest_m`, down to `low.z`.
-///
-/// Eq. 4 as printed is singular at the base itself (r = 0) and unbounded far below; the first interval here is `base_m`.
-pub fn lamp_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LampSpacing) -> LampGrid {
-    let even = |from: f64, to: f64| -> Vec<f64> {
-        let count = ((to - from) / spacing.base_m - 1e-9).ceil().max(0.0) as usize;
-        (0..=count).map(|i| from + (to - from) * i as f64 / count.max(1) as f64).collect()
-    };
-    let base = base_height.clamp(low.z, high.z);
-    let mut below = Vec::new();
-    let (mut r, deepest) = (0.0f64, base - low.z);
-    while deepest - r > 1e-6 {
-        let longest = if r == 0.0 {
-            spacing.base_m
-        } else {
-            let left = 1.0 / (r * r) - spacing.epsilon;
-            if left > 0.0 { 1.0 / left.sqrt() - r } else { f64::INFINITY }
-        };
-        r = (r + longest.clamp(spacing.base_m, spacing.longest_m.max(spacing.base_m))).min(deepest);
-        below.push(base - r);
-    }
-    below.reverse();
-    let mut z_m = below;
-    z_m.extend(even(base, high.z));
-    LampGrid { x_m: even(low.x, high.x), y_m: even(low.y, high.y), z_m, wanted: Vec::new() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SPACING: LampSpacing = LampSpacing { base_m: 100.0, epsilon: 2e-6, longest_m: 1000.0 };
-
-    #[test]
-    fn lamp_intervals_are_even_above_the_base_and_widen_below_it_within_eq_4() {
-        let grid = lamp_grid(DVec3::new(0.0, 0.0, -4000.0), DVec3::new(1000.0, 500.0, 400.0), 0.0, SPACING);
-        assert_eq!(grid.x_m.len(), 11);
-        assert_eq!(grid.y_m.len(), 6);
-        assert_eq!((grid.z_m[0], *grid.z_m.last().unwrap()), (-4000.0, 400.0));
-        let below: Vec<f64> = grid.z_m.iter().filter(|&&z| z <= 0.0).rev().map(|z| -z).collect();
-        let steps: Vec<f64> = below.windows(2).map(|w| w[1] - w[0]).collect();
-        assert!(steps.windows(2).rev().skip(1).all(|w| w[1] >= w[0] - 1e-9), "{steps:?}");
-        for (pair, step) in below.windows(2).zip(&steps) {
-            let fall = 1.0 / (pair[0] * pair[0]) - 1.0 / (pair[1] * pair[1]);
-            assert!(fall <= SPACING.epsilon * (1.0 + 1e-9) || *step <= SPACING.base_m + 1e-9, "{pair:?}");
-            assert!(*step <= SPACING.longest_m + 1e-9);
-        }
-    }
-
-    #[test]
-    fn a_lamp_box_above_the_base_or_of_no_height_still_has_nodes() {
-        let grid = lamp_grid(DVec3::new(0.0, 0.0, 100.0), DVec3::new(0.0, 0.0, 100.0), 0.0, SPACING);
-        assert_eq!((grid.x_m.len(), grid.y_m.len(), grid.z_m.len()), (1, 1, 1));
-    }
 }
