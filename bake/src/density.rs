@@ -117,6 +117,23 @@ pub fn bake_density(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
     })
 }
 
+/// Nodes and measured error of the table that lies `step` places from the one with `nodes` in the order of those tried; `None`
+/// where there is none.
+///
+/// Errors: a range that makes no sense.
+pub fn error_at_nodes(
+    spec: &DensitySpec,
+    nodes: usize,
+    step: isize,
+) -> Result<Option<(usize, f64)>, BakeError> {
+    check_spec(spec)?;
+    let place = NODE_COUNTS.iter().position(|&count| count == nodes);
+    let Some(other) = place.and_then(|place| NODE_COUNTS.get(place.checked_add_signed(step)?)) else {
+        return Ok(None);
+    };
+    Ok(Some((*other, measure_error(&fill_section(spec, *other))?)))
+}
+
 /// The classes that `mode` counts in, by ascending diameter.
 pub fn classes_of(spec: &DensitySpec, mode: Mode) -> Vec<[Millimetres; 2]> {
     match mode {

@@ -4,6 +4,8 @@
 //! verb `solve_`, what fills a table under `bake_`; reading it is the runtime's, under `lookup_`.
 #![forbid(unsafe_code)]
 
+pub mod budget;
+pub mod chart;
 pub mod cloud;
 pub mod compress;
 pub mod density;
@@ -20,5 +22,6 @@ pub mod response;
 pub mod storm;
 pub mod streak;
 pub mod synth;
+pub mod trial;
 
 pub use error::BakeError;

@@ -7,6 +7,7 @@ mod file;
 mod place;
 mod view;
 
+use crate::budget::clouds::{CloudBudget, Given};
 use crate::density::DensitySpec;
 use crate::error::BakeError;
 use crate::input::read_text;
@@ -54,6 +55,10 @@ pub struct Clouds {
     pub response: ResponseSettings,
     /// Strokes that judge the result, grown at random inside the lamps' reach.
     pub test_strokes: u32,
+    /// How good is good enough.
+    pub budget: CloudBudget,
+    /// Which settings the recipe states itself.
+    pub given: Given,
 }
 
 /// Where virtual lamps stand.
@@ -80,6 +85,8 @@ pub struct Rain {
     pub pictures: Vec<PathBuf>,
     /// How to fit them.
     pub fit: FitSettings,
+    /// PSNR that every pattern is to have, dB; the number of cosines is then chosen picture by picture.
+    pub psnr_db: Option<f64>,
     /// What the density table must cover, and how well.
     pub density: DensitySpec,
 }

@@ -1,6 +1,7 @@
 //! One file per subcommand; no mathematics in any of them.
 
 mod bake;
+mod chart;
 mod diff;
 mod folder;
 mod inspect;
@@ -36,6 +37,7 @@ enum Command {
     Inspect(inspect::Args),
     Verify(verify::Args),
     Diff(diff::Args),
+    Chart(chart::Args),
     /// Turns pictures of streaks into cosines, and says how well.
     #[command(subcommand)]
     Streaks(streaks::Command),
@@ -55,6 +57,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Inspect(args) => inspect::run(args),
         Command::Verify(args) => verify::run(args),
         Command::Diff(args) => diff::run(args),
+        Command::Chart(args) => chart::run(args),
         Command::Streaks(command) => streaks::run(command),
         Command::Synth(command) => synth::run(command),
     }

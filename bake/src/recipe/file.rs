@@ -3,6 +3,7 @@
 use super::place::Source;
 use super::view::ViewFile;
 use super::{Clouds, Lamps, Rain, Recipe, RecipeError};
+use crate::budget::clouds::{CloudBudget, Given};
 use crate::density::DensitySpec;
 use crate::error::BakeError;
 use crate::input::scene::{Optics, beside};
@@ -57,6 +58,17 @@ struct CloudsFile {
     transport: TransportFile,
     #[serde(default)]
     response: ResponseFile,
+    #[serde(default)]
+    budget: BudgetFile,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct BudgetFile {
+    stroke_l2: Option<Number>,
+    relit_l2: Option<Number>,
+    solver_l2: Option<Number>,
+    bytes: Option<Number>,
 }
 
 #[derive(Default, Deserialize)]
@@ -162,6 +174,7 @@ struct StreaksFile {
     pictures: Option<Vec<Spanned<PathBuf>>>,
     method: Option<Spanned<String>>,
     cosines: Option<Number>,
+    psnr_db: Option<Number>,
 }
 
 #[derive(Deserialize)]
@@ -368,6 +381,19 @@ impl CloudsFile {
             distant,
             response: self.settings(source)?,
             test_strokes: source.count("clouds.response.test_strokes", &response.test_strokes, 8, [0, 64])?,
+            budget: CloudBudget {
+                stroke_l2: optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
+                relit_l2: optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
+                solver_l2: optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
+                bytes: optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?
+                    .map(|v| v as u64),
+            },
+            given: Given {
+                spacing: self.lightning.spacing_m.is_some(),
+                channels: response.channels.is_some(),
+                error: response.error.is_some(),
+                solver: self.transport.directions.is_some() || self.transport.refine.is_some(),
+            },
         })
     }
 
@@ -534,7 +560,17 @@ impl RainFile {
         };
         let cosines =
             source.count("rain.streaks.cosines", &streaks.cosines, usual.cosines as u32, [0, 64])? as usize;
-        Ok(Rain { pictures, fit: FitSettings { method, cosines }, density: spec })
+        let psnr_db = match streaks.cosines {
+            // What is said outright overrides the budget.
+            Some(_) => None,
+            None => {
+                let field = "rain.streaks.psnr_db";
+                let number =
+                    |value: &Number| source.number(field, &Some(value.clone()), 0.0, [1.0, 80.0], "dB");
+                streaks.psnr_db.as_ref().map(number).transpose()?
+            }
+        };
+        Ok(Rain { pictures, fit: FitSettings { method, cosines }, psnr_db, density: spec })
     }
 }
 

@@ -1,0 +1,341 @@
+//! Spacing of the lamps, channels of the rows and error of their coding, where a recipe leaves them to its budget.
+//!
+//! Candidates are tried on strokes of their own, never on those that judge the result: each spacing's rows that those strokes
+//! touch are solved once, coded in several ways and relit from bytes. The cost is the response's bytes, estimated from the
+//! tried rows; what a row takes differs little from lamp to lamp.
+
+use super::SAFETY;
+use super::solver::choose_solver;
+use crate::error::BakeError;
+use crate::progress::{Progress, Quiet};
+use crate::recipe::{Clouds, Recipe};
+use crate::response::ResponseSettings;
+use crate::response::judge::Verdict;
+use crate::storm::clouds::{place_lamps, reach_of, strokes_for};
+use crate::trial::{Outcome, Trial};
+use squall_formats::section::provenance::BudgetRecord;
+use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_runtime::relight::LampPoint;
+use squall_runtime::transport::Cloud;
+
+/// What a recipe asks of its clouds; nothing where a field is `None`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CloudBudget {
+    /// L2 error of an unseen stroke over 26 directions, all light, against the stroke solved directly.
+    pub stroke_l2: Option<f64>,
+    /// L2 error of an unseen stroke's rows, against the same rows before coding.
+    pub relit_l2: Option<f64>,
+    /// L2 error of a stroke solved with the chosen directions and refinement, against the finest that is tried.
+    pub solver_l2: Option<f64>,
+    /// Bytes of the response at most.
+    pub bytes: Option<u64>,
+}
+
+/// Settings that the recipe states itself; a budget leaves them alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Given {
+    /// `clouds.lightning.spacing_m`.
+    pub spacing: bool,
+    /// `clouds.response.channels`.
+    pub channels: bool,
+    /// `clouds.response.error`.
+    pub error: bool,
+    /// `clouds.transport.directions` or `refine`.
+    pub solver: bool,
+}
+
+impl CloudBudget {
+    /// The largest ratio of a figure to what was asked; 0 where nothing was.
+    pub fn over(&self, verdict: &Verdict) -> f64 {
+        let ratio = |asked: Option<f64>, got: f64| asked.map_or(0.0, |asked| got / asked);
+        ratio(self.stroke_l2, verdict.stroke.l2).max(ratio(self.relit_l2, verdict.codec.l2))
+    }
+
+    fn chooses(&self) -> bool {
+        self.stroke_l2.is_some() || self.relit_l2.is_some() || self.bytes.is_some()
+    }
+}
+
+/// What was chosen, and what stood beside it.
+#[derive(Clone, Debug)]
+pub struct Choice {
+    /// Distance between lamps, m; 0 is the recipe's default.
+    pub spacing_m: f64,
+    /// How rows are solved and stored.
+    pub settings: ResponseSettings,
+    /// Candidates that were tried; 0 where there was nothing to choose.
+    pub tried: usize,
+    /// The cheapest candidate that is better, in words.
+    pub next_better: Option<String>,
+    /// The best candidate that is cheaper, in words.
+    pub next_cheaper: Option<String>,
+    /// What was chosen of the solver.
+    pub solver: Option<BudgetRecord>,
+}
+
+impl Choice {
+    /// The setting in words.
+    pub fn words(&self) -> String {
+        setting(self.spacing_m, self.settings.channels, self.settings.relative_error)
+    }
+}
+
+/// A candidate and what came of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tried {
+    /// Distance between lamps, m.
+    pub spacing_m: f64,
+    /// Channels of the rows.
+    pub channels: ChannelBasis,
+    /// Error of coding.
+    pub error: f64,
+    /// What it gave and took.
+    pub outcome: Outcome,
+}
+
+impl Tried {
+    fn words(&self) -> String {
+        let Outcome { verdict, bytes, .. } = self.outcome;
+        let setting = setting(self.spacing_m, self.channels, self.error);
+        let (stroke, codec) = (100.0 * verdict.stroke.l2, 100.0 * verdict.codec.l2);
+        format!("{setting}: stroke L2 {stroke:.2} %, relit L2 {codec:.2} %, {:.3} MB", bytes as f64 / 1e6)
+    }
+}
+
+fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
+    format!("lamps {spacing_m:.4} m apart, {} channels, coded to {error:.3e}", channels.count())
+}
+
+/// Strokes that candidates are tried on.
+const STROKES: usize = 4;
+/// The coarsest spacing is the reach's longest side over this; each next is finer by √2.
+const COARSEST: f64 = 2.0;
+const SPACINGS: usize = 14;
+/// Powers of two by which spacings beside the best are tried after that, from far to near: rows go with the third power.
+const NEARER: [f64; 3] = [0.25, 0.125, 0.0625];
+/// Errors of coding from the coarsest, each next finer by 2^¼.
+const COARSEST_ERROR: f64 = 0.5;
+const ERRORS: usize = 40;
+/// Most bytes that a candidate's solved rows may take.
+const MOST_BYTES: usize = 3 << 29;
+
+/// Chooses what the recipe leaves open. `margin` scales the budgets: below 1 where unseen strokes turned out worse.
+///
+/// Errors: a budget that no candidate meets, with the best; a solve that does not converge; an interruption.
+pub fn choose(
+    recipe: &Recipe,
+    clouds: &Clouds,
+    cloud: &Cloud,
+    margin: f64,
+    progress: &dyn Progress,
+) -> Result<Choice, BakeError> {
+    let mut choice = Choice {
+        spacing_m: clouds.lamps.spacing_m,
+        settings: clouds.response,
+        tried: 0,
+        next_better: None,
+        next_cheaper: None,
+        solver: None,
+    };
+    let side = {
+        let [low, high] = reach_of(recipe, clouds, cloud);
+        (high - low).max_element()
+    };
+    if choice.spacing_m == 0.0 {
+        choice.spacing_m = side / 12.0;
+    }
+    let strokes = |spacing_m: f64| -> Result<Vec<Vec<LampPoint>>, BakeError> {
+        let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
+        let seen_by_judge =
+            strokes_for(recipe, clouds, cloud, &lamps, spacing_m, clouds.test_strokes as usize);
+        let all = clouds.test_strokes as usize + STROKES;
+        let all = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, all);
+        Ok(all.into_iter().skip(seen_by_judge.len()).collect())
+    };
+    if let (Some(asked), false) = (clouds.budget.solver_l2, clouds.given.solver) {
+        let (settings, record, tried) =
+            choose_solver(cloud, &choice.settings, &strokes(choice.spacing_m)?, asked, progress)?;
+        choice.settings = settings;
+        choice.solver = Some(record);
+        choice.tried += tried;
+    }
+    if !clouds.budget.chooses() {
+        return Ok(choice);
+    }
+    let spacings: Vec<f64> =
+        if clouds.given.spacing || clouds.budget.stroke_l2.is_none() && clouds.budget.bytes.is_none() {
+            vec![choice.spacing_m]
+        } else {
+            (0..SPACINGS).map(|i| side / COARSEST * libm::exp2(-0.5 * i as f64)).collect()
+        };
+    let mut search = Search {
+        clouds,
+        margin: margin * SAFETY,
+        channels: channels(clouds),
+        errors: errors(clouds),
+        tried: Vec::new(),
+    };
+    progress.begin("budgets", spacings.len() as u64);
+    let mut full = false;
+    // The best candidate at one spacing; none where its rows would take too much memory either.
+    let mut attempt = |search: &mut Search, spacing_m: f64| -> Result<Option<Tried>, BakeError> {
+        progress.check()?;
+        let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
+        let strokes = strokes(spacing_m)?;
+        let widest = search.channels.last().copied().unwrap_or(choice.settings.channels);
+        if Trial::bytes(&lamps, &strokes, widest, cloud) > MOST_BYTES {
+            full = true;
+            return Ok(None);
+        }
+        let settings = ResponseSettings { channels: widest, ..choice.settings };
+        let trial = Trial::new(cloud, &lamps, clouds.distant.len(), &settings, &strokes, &Quiet)?;
+        progress.advance(1);
+        search.at(spacing_m, &trial)
+    };
+    let mut best: Option<Tried> = None;
+    for &spacing_m in &spacings {
+        let found = attempt(&mut search, spacing_m)?;
+        match (&best, found) {
+            (None, found) => best = found,
+            (Some(known), Some(found)) if search.prefers(&found, known) => best = Some(found),
+            // Past the cheapest, finer lamps only take more.
+            _ => break,
+        }
+    }
+    if let (Some(mut known), true) = (best, spacings.len() > 1) {
+        for step in NEARER {
+            for factor in [libm::exp2(step), libm::exp2(-step)] {
+                if let Some(found) = attempt(&mut search, known.spacing_m * factor)?
+                    && search.prefers(&found, &known)
+                {
+                    known = found;
+                    break;
+                }
+            }
+        }
+        best = Some(known);
+    }
+    let Some(best) = best else { return Err(search.not_reached(full)) };
+    choice.tried += search.tried.len();
+    choice.spacing_m = best.spacing_m;
+    choice.settings.channels = best.channels;
+    choice.settings.relative_error = best.error;
+    let stroke = |tried: &&Tried| tried.outcome.verdict.stroke.l2;
+    let bytes = |tried: &&Tried| tried.outcome.bytes;
+    let better = search.tried.iter().filter(|t| stroke(t) < stroke(&&best) && bytes(t) > bytes(&&best));
+    choice.next_better = better.min_by_key(bytes).map(Tried::words);
+    let cheaper = search.tried.iter().filter(|t| bytes(t) < bytes(&&best));
+    choice.next_cheaper = cheaper.min_by(|a, b| stroke(a).total_cmp(&stroke(b))).map(Tried::words);
+    Ok(choice)
+}
+
+/// Channels that may be chosen, from few to many.
+fn channels(clouds: &Clouds) -> Vec<ChannelBasis> {
+    // Direct light inside the rows is too sharp for harmonics: whoever wants it there says in what channels.
+    let fixed = clouds.given.channels
+        || clouds.response.direct == DirectTerm::InRows
+        || clouds.budget.stroke_l2.is_none() && clouds.budget.bytes.is_none();
+    if fixed {
+        return vec![clouds.response.channels];
+    }
+    (0..=3).map(|degree| ChannelBasis::Harmonics { degree }).collect()
+}
+
+/// Errors of coding that may be chosen, from coarse to fine.
+fn errors(clouds: &Clouds) -> Vec<f64> {
+    if clouds.given.error {
+        return vec![clouds.response.relative_error];
+    }
+    (0..ERRORS).map(|i| COARSEST_ERROR * libm::exp2(-0.25 * i as f64)).collect()
+}
+
+struct Search<'a> {
+    clouds: &'a Clouds,
+    margin: f64,
+    channels: Vec<ChannelBasis>,
+    errors: Vec<f64>,
+    tried: Vec<Tried>,
+}
+
+impl Search<'_> {
+    /// The best candidate at one spacing, if any meets the budget.
+    fn at(&mut self, spacing_m: f64, trial: &Trial<'_>) -> Result<Option<Tried>, BakeError> {
+        let mut best: Option<Tried> = None;
+        for channels in self.channels.clone() {
+            // The figures fall with the error and bytes rise: where they begin or cease to be met is found by halving.
+            let (mut low, mut high) = (0, self.errors.len());
+            let by_error = self.clouds.budget.stroke_l2.is_some() || self.clouds.budget.relit_l2.is_some();
+            while low < high {
+                let middle = (low + high) / 2;
+                let error = self.errors[middle];
+                let outcome = trial.code(channels, self.clouds.response.codec, error)?;
+                let tried = Tried { spacing_m, channels, error, outcome };
+                self.tried.push(tried);
+                let meets = self.meets(&tried);
+                if meets && best.is_none_or(|best| self.prefers(&tried, &best)) {
+                    best = Some(tried);
+                }
+                // By error the coarsest that is good enough, by bytes the finest that fits.
+                if meets == by_error {
+                    high = middle;
+                } else {
+                    low = middle + 1;
+                }
+            }
+        }
+        Ok(best)
+    }
+
+    fn meets(&self, tried: &Tried) -> bool {
+        let Outcome { verdict, bytes, .. } = tried.outcome;
+        let fits = self.clouds.budget.bytes.is_none_or(|most| bytes as f64 <= most as f64 * SAFETY);
+        fits && self.clouds.budget.over(&verdict) <= self.margin
+    }
+
+    /// Whether `a`, which meets the budget, is to be preferred to `b`, which does too.
+    fn prefers(&self, a: &Tried, b: &Tried) -> bool {
+        let errors = self.clouds.budget.stroke_l2.is_some() || self.clouds.budget.relit_l2.is_some();
+        if errors {
+            a.outcome.bytes < b.outcome.bytes
+        } else {
+            a.outcome.verdict.stroke.l2 < b.outcome.verdict.stroke.l2
+        }
+    }
+
+    fn not_reached(&self, full: bool) -> BakeError {
+        let budget = &self.clouds.budget;
+        let wanted = [
+            budget.stroke_l2.map(|v| format!("stroke_l2 {v}")),
+            budget.relit_l2.map(|v| format!("relit_l2 {v}")),
+            budget.bytes.map(|v| format!("{v} bytes")),
+        ];
+        let worst = |tried: &&Tried| budget.over(&tried.outcome.verdict);
+        let fits = |tried: &&Tried| budget.bytes.is_none_or(|most| tried.outcome.bytes <= most);
+        let best = self.tried.iter().filter(fits).min_by(|a, b| worst(a).total_cmp(&worst(b)));
+        let smallest = self.tried.iter().min_by_key(|tried| tried.outcome.bytes);
+        let given = &self.clouds.given;
+        let mut hints = Vec::new();
+        for (is_given, key) in [
+            (given.spacing, "clouds.lightning.spacing_m"),
+            (given.channels, "clouds.response.channels"),
+            (given.error, "clouds.response.error"),
+        ] {
+            if is_given {
+                hints.push(format!("leave {key} to the budget"));
+            }
+        }
+        if full {
+            hints.push("a coarser cloud grid, or a smaller reach, leaves memory for finer lamps".into());
+        }
+        if budget.bytes.is_some() {
+            hints.push("allow more bytes".into());
+        }
+        hints.push("ask for less".into());
+        BakeError::NotReached {
+            what: "clouds.budget".into(),
+            wanted: wanted.into_iter().flatten().collect::<Vec<_>>().join(", "),
+            reached: best.or(smallest).map_or("nothing".into(), |tried| tried.words()),
+            hint: format!("what helps: {}", hints.join("; ")),
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! Chart `density`: how far looked-up counts are off, against the table's bytes and the time of a lookup.
+
+use super::clock::seconds;
+use super::{Cost, Metric, Point, Sweep};
+use crate::density::{DensitySpec, bake_density, solve_counts};
+use crate::error::BakeError;
+use crate::progress::Progress;
+use squall_formats::drops::{View, paper};
+use squall_formats::section::density::{DensitySection, MOMENTS, Mode};
+use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
+use squall_runtime::density::lookup_counts_into;
+use squall_runtime::random::Random;
+
+const ERROR: Metric = Metric::less("count of drops, mean relative error");
+const WORST: Metric = Metric::less("count of drops, largest relative error");
+const BYTES: &str = "table, bytes";
+const TIME: &str = "lookup, ns";
+
+pub const PAIRS: &[(&str, &str)] = &[(WORST.name, BYTES), (WORST.name, TIME), (ERROR.name, BYTES)];
+
+const SEED: u64 = 1;
+const REPEATS: usize = 11;
+
+pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {
+    let Some(rain) = &task.recipe.rain else { return Ok(Vec::new()) };
+    let own = &rain.density;
+    let questions = questions(own, if task.quick { 60 } else { 400 });
+    let asked: &[f64] =
+        if task.quick { &[2e-2, 1e-4] } else { &[0.3, 0.1, 2e-2, 5e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7] };
+    let classes: &[usize] = if task.quick { &[16] } else { &[4, 16, 32] };
+    progress.begin("chart density", (asked.len() * classes.len() + 2) as u64);
+    let mut points = Vec::new();
+    let mut measure = |section: &DensitySection, mode: Mode, series: String, setting: String, chosen: bool| {
+        let table = section.table(mode);
+        let bytes = (table.classes.len() * section.rates.len() * MOMENTS * size_of::<f64>()) as u64;
+        let mut counts = vec![0.0; table.classes.len()];
+        let (done, cost) = seconds(REPEATS, || -> Result<Vec<f64>, BakeError> {
+            let ask = |(view, rate): &(View, MillimetresPerHour)| {
+                lookup_counts_into(section, mode, view, *rate, &mut counts)?;
+                Ok(counts.iter().sum())
+            };
+            questions.iter().map(ask).collect()
+        });
+        let totals = done?;
+        // Rain's drops fall as they fall, whatever a mode makes of it: contiguous diameters, measured speeds. Bentley's
+        // classes have gaps between them; the drops there are part of the truth too.
+        let span = match mode {
+            Mode::Default => own.diameter,
+            _ => span_of(&paper::CLASSES),
+        };
+        let (mut sum, mut worst) = (0.0, 0.0f64);
+        for ((view, rate), found) in questions.iter().zip(totals) {
+            let wanted = solve_counts(Mode::Default, &[span], view, *rate)?[0];
+            let error = (found / wanted - 1.0).abs();
+            sum += error;
+            worst = worst.max(error);
+        }
+        points.push(Point {
+            series,
+            setting,
+            truth: "quadrature over diameters, measured fall speeds".into(),
+            errors: vec![(ERROR, sum / questions.len() as f64), (WORST, worst)],
+            costs: vec![
+                (BYTES, Cost::exact(bytes as f64)),
+                (TIME, cost.times(1e9 / questions.len() as f64)),
+            ],
+            bytes: Some(bytes),
+            chosen,
+            baseline: mode != Mode::Default,
+        });
+        Ok::<(), BakeError>(())
+    };
+    for &classes in classes {
+        for &relative_error in asked {
+            progress.check()?;
+            let spec = DensitySpec { relative_error, classes, ..own.clone() };
+            let section = bake_density(&spec)?;
+            let setting = format!("asked {relative_error:e}: {} rates", section.rates.len());
+            measure(&section, Mode::Default, format!("{classes} classes"), setting, false)?;
+            progress.advance(1);
+        }
+    }
+    let section = bake_density(own)?;
+    let setting = format!("the recipe's: {} rates, {} classes", section.rates.len(), own.classes);
+    measure(&section, Mode::Default, format!("{} classes", own.classes), setting, true)?;
+    progress.advance(1);
+    for mode in [Mode::PaperExact, Mode::Paper] {
+        measure(&section, mode, format!("mode {}", mode.name()), "Bentley's classes".into(), false)?;
+    }
+    progress.advance(1);
+    Ok(points)
+}
+
+fn span_of(classes: &[[Millimetres; 2]]) -> [Millimetres; 2] {
+    let first = classes.first().map_or(Millimetres(0.0), |class| class[0]);
+    let last = classes.last().map_or(Millimetres(0.0), |class| class[1]);
+    [first, last]
+}
+
+/// Views and rates inside the recipe's ranges.
+fn questions(spec: &DensitySpec, count: usize) -> Vec<(View, MillimetresPerHour)> {
+    let mut random = Random::new(SEED);
+    let ranges = &spec.ranges;
+    let ask = |_| {
+        let [narrow, wide] = ranges.vertical_fov.map(|fov| fov.0);
+        let [short, long] = ranges.exposure.map(|time| time.0);
+        let [low, high] = ranges.rate.map(|rate| rate.0);
+        let [least, most] = ranges.length_px;
+        let middle = libm::sqrt(least * most);
+        let view = View {
+            vertical_fov: Degrees(random.range(narrow, wide)).into(),
+            height_px: 1080.0,
+            aspect: 16.0 / 9.0,
+            exposure: Seconds(random.range(short, long)),
+            min_px: random.range(least, middle),
+            max_px: random.range(middle, most),
+        };
+        (view, MillimetresPerHour((low * libm::pow(high / low, random.unit())).clamp(low, high)))
+    };
+    (0..count).map(ask).collect()
+}

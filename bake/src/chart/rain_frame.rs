@@ -1,0 +1,179 @@
+//! Chart `rain-frame`: how far the streaks of a frame are off the same drops drawn with many samples a pixel, against time a frame.
+
+use super::clock::seconds;
+use super::{Cost, Metric, Point, Sweep};
+use crate::density::bake_density;
+use crate::error::BakeError;
+use crate::input::picture::read_grey;
+use crate::progress::Progress;
+use crate::streak::{FitSettings, Method, Source, fit_all};
+use glam::DVec3;
+use squall_formats::section::density::DensitySection;
+use squall_formats::section::streak::{StreakPattern, StreakSection};
+use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
+use squall_runtime::camera::{Camera, Projection};
+use squall_runtime::picture::Picture;
+use squall_runtime::rain::{Environment, Kernel, Rain, Scene, Shot, SmoothWindow, Weather, Workspace};
+use squall_runtime::shade::streak::StreakSet;
+use std::path::PathBuf;
+
+const RMSE: Metric = Metric::less("streaks' light, relative RMSE");
+const TIME: &str = "a frame, CPU ms";
+
+pub const PAIRS: &[(&str, &str)] = &[(RMSE.name, TIME)];
+
+/// Samples along each side of a pixel in the reference.
+const SAMPLES: u32 = 4;
+const EXPOSURE: Seconds = Seconds(0.02);
+const REPEATS: usize = 5;
+/// Streaks' lengths, px, and factor on their coverage: without it most of a picture's figures would be about nothing.
+const LENGTHS_PX: [f64; 2] = [10.0, 200.0];
+const GAIN: f64 = 8.0;
+/// [weber] table 1, GeForce GTX 980, 20 ms: frames a second at 2, 5, 25 and 75 mm/h, by horizontal field of view.
+const TABLE_1: [(f64, [f64; 4]); 4] = [
+    (120.0, [60.0, 48.0, 37.0, 30.0]),
+    (100.0, [55.0, 45.0, 35.0, 27.0]),
+    (80.0, [50.0, 42.0, 31.0, 24.0]),
+    (60.0, [45.0, 39.0, 28.0, 22.0]),
+];
+const RATES: [f64; 4] = [2.0, 5.0, 25.0, 75.0];
+
+pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {
+    let Some(rain) = &task.recipe.rain else { return Ok(Vec::new()) };
+    if rain.pictures.is_empty() {
+        return Ok(Vec::new());
+    }
+    let most = if task.quick { 1 } else { 4 };
+    let step = (rain.pictures.len() / most).max(1);
+    let files: Vec<PathBuf> = rain.pictures.iter().step_by(step).take(most).cloned().collect();
+    let pictures = files.iter().map(|file| read_grey(file)).collect::<Result<Vec<_>, _>>()?;
+    let fit = |method: Method, cosines: usize| -> Result<Vec<StreakPattern>, BakeError> {
+        let sources = files.iter().zip(&pictures);
+        let sources: Vec<Source> =
+            sources.map(|(file, picture)| Source { file, picture, notes: None }).collect();
+        fit_all(&sources, FitSettings { method, cosines })
+    };
+    let [best, counts]: [&[usize]; 2] = if task.quick { [&[12], &[6]] } else { [&[24], &[0, 3, 6, 12, 24]] };
+    let section = bake_density(&rain.density)?;
+    let own = &rain.density.ranges;
+    let rates: Vec<f64> = if task.quick { vec![25.0] } else { RATES.to_vec() };
+    let rates = rates.into_iter().filter(|&rate| (own.rate[0].0..=own.rate[1].0).contains(&rate));
+    let fovs: &[f64] = if task.quick { &[60.0] } else { &[60.0, 80.0, 100.0, 120.0] };
+    let cases: Vec<(f64, f64)> = rates.flat_map(|rate| fovs.iter().map(move |&fov| (rate, fov))).collect();
+    progress.begin("chart rain-frame", (cases.len() * (counts.len() + 4)) as u64);
+    let reference = fit(Method::Edges, best[0])?;
+    let mut patterns: Vec<(String, bool, bool, Vec<StreakPattern>)> = Vec::new();
+    for &cosines in counts {
+        let chosen = rain.psnr_db.is_none() && rain.fit == FitSettings { method: Method::Edges, cosines };
+        let name = format!("edges, {cosines} cosines");
+        patterns.push((name, chosen, false, fit(Method::Edges, cosines)?));
+    }
+    patterns.push(("paper, 6 cosines".into(), false, true, fit(Method::Paper, 6)?));
+    let mut points = Vec::new();
+    for (rate, fov) in cases {
+        let size = if task.quick { [320, 180] } else { [960, 540] };
+        let view = View { section: &section, rate, fov, size };
+        let truth = view.supersampled(&StreakSet::new(&StreakSection { patterns: reference.clone() }))?;
+        let words = format!("R {rate} mm/h, fov {fov}°: {SAMPLES} × {SAMPLES} samples a pixel");
+        let mut add = |series: &str, setting: String, chosen: bool, baseline: bool, measured: (f64, Cost)| {
+            progress.advance(1);
+            points.push(Point {
+                series: series.into(),
+                setting,
+                truth: words.clone(),
+                errors: vec![(RMSE, measured.0)],
+                costs: vec![(TIME, measured.1)],
+                bytes: None,
+                chosen,
+                baseline,
+            });
+        };
+        progress.check()?;
+        add("no pattern", "a smooth window".into(), false, false, view.measure(&SmoothWindow, &truth)?);
+        for (name, chosen, baseline, patterns) in &patterns {
+            let set = StreakSet::new(&StreakSection { patterns: patterns.clone() });
+            let series = if *baseline { "paper's cosines" } else { "edges" };
+            add(series, name.clone(), *chosen, *baseline, view.measure(&set, &truth)?);
+        }
+        let table = TABLE_1.iter().find(|(table_fov, _)| *table_fov == fov);
+        let place = RATES.iter().position(|&r| r == rate);
+        if let (Some((_, fps)), Some(place)) = (table, place) {
+            // The paper gives no error; the point has a cost alone. Its horizontal fov stands beside our vertical one.
+            let cost = Cost::exact(1e3 / fps[place]);
+            let setting = format!("paper's table 1: {} fps on a GTX 980, whole frame", fps[place]);
+            add("paper's table 1", setting, false, true, (f64::NAN, cost));
+        }
+    }
+    Ok(points)
+}
+
+/// A moment of rain.
+struct View<'a> {
+    section: &'a DensitySection,
+    rate: f64,
+    fov: f64,
+    size: [u32; 2],
+}
+
+impl View<'_> {
+    fn camera(&self, samples: u32) -> Result<Camera, BakeError> {
+        let projection = Projection::Perspective { vertical_fov: Degrees(self.fov).into() };
+        let size = self.size.map(|side| side * samples);
+        Ok(Camera::new(DVec3::new(3.0, 5.0, 1.7), DVec3::new(1.0, 0.4, 0.1), DVec3::Z, projection, size)?)
+    }
+
+    /// Draws into `picture`, in `workspace`.
+    fn draw<K: Kernel>(
+        &self,
+        samples: u32,
+        kernel: &K,
+        workspace: &mut Workspace,
+        picture: &mut Picture,
+    ) -> Result<(), BakeError> {
+        let camera = self.camera(samples)?;
+        let [shortest, longest] = LENGTHS_PX.map(|length| length * f64::from(samples));
+        let shot = Shot { min_px: shortest, max_px: longest, ..Shot::new(&camera, EXPOSURE) };
+        let weather =
+            Weather::steady(MillimetresPerHour(self.rate), DVec3::new(2.0, -1.0, 0.0), Seconds(10.0));
+        let rain = Rain::new(self.section, 7);
+        rain.find(&shot, &weather, None, workspace)?;
+        picture.pixels.fill([0.0; 3]);
+        let light = Environment { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
+        workspace.draw(&shot, &Scene { depth: None, kernel, light: &light, gain: GAIN }, picture)?;
+        Ok(())
+    }
+
+    /// The frame with many samples a pixel.
+    fn supersampled(&self, set: &StreakSet) -> Result<Vec<f32>, BakeError> {
+        let [width, height] = self.size.map(|side| side as usize);
+        let samples = SAMPLES as usize;
+        let mut picture = Picture::new(width * samples, height * samples)?;
+        self.draw(SAMPLES, set, &mut Workspace::new(), &mut picture)?;
+        let mut sums = vec![0.0f32; width * height];
+        for (index, pixel) in picture.pixels.iter().enumerate() {
+            let (x, y) = (index % (width * samples) / samples, index / (width * samples) / samples);
+            sums[y * width + x] += pixel[1];
+        }
+        let share = 1.0 / (samples * samples) as f32;
+        Ok(sums.into_iter().map(|sum| sum * share).collect())
+    }
+
+    fn measure<K: Kernel>(&self, kernel: &K, truth: &[f32]) -> Result<(f64, Cost), BakeError>
+    where
+        K: Sync,
+    {
+        let [width, height] = self.size.map(|side| side as usize);
+        let mut picture = Picture::new(width, height)?;
+        let mut workspace = Workspace::new();
+        // The first frame allocates.
+        self.draw(1, kernel, &mut workspace, &mut picture)?;
+        let (done, cost) = seconds(REPEATS, || self.draw(1, kernel, &mut workspace, &mut picture));
+        done?;
+        let (mut square, mut size) = (0.0, 0.0);
+        for (pixel, &wanted) in picture.pixels.iter().zip(truth) {
+            square += f64::from(pixel[1] - wanted) * f64::from(pixel[1] - wanted);
+            size += f64::from(wanted) * f64::from(wanted);
+        }
+        Ok((libm::sqrt(square / size), cost.times(1e3)))
+    }
+}

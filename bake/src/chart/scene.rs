@@ -1,0 +1,92 @@
+//! The recipe's cloud as charts sweep it: the same optics on fewer cells, so that a sweep of a hundred settings ends.
+
+use crate::error::BakeError;
+use crate::input::scene::read_scene;
+use crate::recipe::{Clouds, Recipe};
+use glam::DVec3;
+use squall_formats::GridShape;
+use squall_runtime::relight::LampPoint;
+use squall_runtime::stroke::Stroke;
+use squall_runtime::transport::Cloud;
+
+/// A cloud to sweep.
+pub struct ChartScene<'a> {
+    /// What the recipe says of it.
+    pub clouds: &'a Clouds,
+    /// The cloud, on at most as many cells as asked for.
+    pub cloud: Cloud,
+    /// How it came about, in words.
+    pub words: String,
+}
+
+/// The recipe's cloud on at most `most` cells: blocks of cells become one of their mean extinction. `None` without clouds.
+///
+/// Errors: an input that is missing or damaged.
+pub fn chart_scene(recipe: &Recipe, most: usize) -> Result<Option<ChartScene<'_>>, BakeError> {
+    let Some(clouds) = &recipe.clouds else { return Ok(None) };
+    let scene = read_scene(&clouds.scene, clouds.optics)?;
+    let mut factor = [1usize; 3];
+    let size = |factor: [usize; 3]| -> [usize; 3] {
+        std::array::from_fn(|axis| scene.cloud.shape.to_array()[axis].div_ceil(factor[axis]))
+    };
+    while size(factor).iter().product::<usize>() > most {
+        // The finest axis first: cells stay as cubic as they are.
+        let edge = |axis: usize| scene.cloud.cell_m[axis] * factor[axis] as f64;
+        let splits = (0..3).filter(|&axis| size(factor)[axis] > 1);
+        let Some(axis) = splits.min_by(|&a, &b| edge(a).total_cmp(&edge(b))) else { break };
+        factor[axis] *= 2;
+    }
+    let cloud = coarsened(&scene.cloud, factor)?;
+    let [nx, ny, nz] = cloud.shape.to_array();
+    let words = if factor == [1; 3] {
+        format!("the recipe's cloud, {nx} × {ny} × {nz} cells")
+    } else {
+        format!("the recipe's cloud on {nx} × {ny} × {nz} cells")
+    };
+    Ok(Some(ChartScene { clouds, cloud, words }))
+}
+
+/// Blocks of cells as one cell of their mean extinction; what a block has beyond the grid is empty, as everything outside is.
+fn coarsened(cloud: &Cloud, factor: [usize; 3]) -> Result<Cloud, BakeError> {
+    let fine = cloud.shape.to_array();
+    let coarse: [usize; 3] = std::array::from_fn(|axis| fine[axis].div_ceil(factor[axis]));
+    let shape = GridShape::new(coarse[0] as u32, coarse[1] as u32, coarse[2] as u32);
+    let mut sums = vec![0.0f64; shape.len()];
+    for (index, &extinction) in cloud.extinction.iter().enumerate() {
+        let cell = cloud.shape.cell(index);
+        let [x, y, z]: [usize; 3] = std::array::from_fn(|axis| cell[axis] / factor[axis]);
+        sums[shape.index(x, y, z)] += f64::from(extinction);
+    }
+    let block = factor.iter().product::<usize>() as f64;
+    let cell_m = std::array::from_fn(|axis| cloud.cell_m[axis] * factor[axis] as f64);
+    let extinction = sums.into_iter().map(|sum| (sum / block) as f32).collect();
+    Ok(Cloud { shape, cell_m, extinction, ..cloud.clone() }.checked()?)
+}
+
+impl ChartScene<'_> {
+    /// A lamp inside the cloud: the point of the recipe's strokes with the densest cell, or the densest cell's own middle.
+    pub fn lamp(&self, recipe: &Recipe) -> LampPoint {
+        let cloud = &self.cloud;
+        let extinction = |point: DVec3| -> f32 {
+            let cell: [f64; 3] = std::array::from_fn(|axis| {
+                ((point[axis] - cloud.origin_m[axis]) / cloud.cell_m[axis]).floor()
+            });
+            let counts = cloud.shape.to_array();
+            if (0..3).any(|axis| cell[axis] < 0.0 || cell[axis] >= counts[axis] as f64) {
+                return 0.0;
+            }
+            cloud.extinction[cloud.shape.index(cell[0] as usize, cell[1] as usize, cell[2] as usize)]
+        };
+        let points = recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0));
+        let deepest = points.map(|p| (extinction(p.position), p.position)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let position = match deepest {
+            Some((extinction, position)) if extinction > 0.0 => position,
+            _ => {
+                let cells = cloud.extinction.iter().enumerate();
+                let densest = cells.max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(index, _)| index);
+                cloud.centre(cloud.shape.cell(densest))
+            }
+        };
+        LampPoint { position, intensity: 1.0 }
+    }
+}

@@ -1,0 +1,93 @@
+//! `squall chart RECIPE -o DIR [--quick]`
+
+mod page;
+mod svg;
+
+use super::folder::OutputFolder;
+use super::progress::Bars;
+use squall_bake::BakeError;
+use squall_bake::chart::{CHARTS, Row, Sweep, sweep};
+use squall_bake::output::write_atomically;
+use squall_bake::recipe::Recipe;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Plots error against cost, knob by knob: data.csv, data.json, an SVG a chart and one page that shows all of it.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recipe, TOML.
+    recipe: PathBuf,
+    /// Folder for the results; made if missing.
+    #[arg(short, long, value_name = "DIR")]
+    out: PathBuf,
+    /// Fewer settings on smaller scenes: minutes instead of an hour.
+    #[arg(long)]
+    quick: bool,
+    /// Only these charts; several with commas between them.
+    #[arg(long, value_name = "IDS", value_delimiter = ',', value_parser = id)]
+    only: Vec<String>,
+    /// Folder of independent reference data (fields, streak pictures), for the series that are judged by it.
+    #[arg(long, value_name = "DIR")]
+    reference: Option<PathBuf>,
+}
+
+fn id(text: &str) -> Result<String, String> {
+    let known: Vec<&str> = CHARTS.iter().map(|(id, _)| *id).collect();
+    if known.contains(&text) { Ok(text.into()) } else { Err(format!("wanted one of {}", known.join(", "))) }
+}
+
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let start = std::time::Instant::now();
+    let recipe = Recipe::read(&args.recipe)?;
+    if let Some(folder) = &args.reference
+        && !folder.join("clouds/scenes").is_dir()
+    {
+        let wanted = "a folder with clouds/scenes, clouds/fields and streaks";
+        return Err(BakeError::input(folder, "--reference", wanted, "none of these").into());
+    }
+    let folder = OutputFolder::prepare(&args.out)?;
+    let bars = Bars::new()?;
+    let task = Sweep { recipe: &recipe, quick: args.quick, reference: args.reference, only: args.only };
+    let rows = sweep(&task, &bars)?;
+    bars.finish();
+    let seconds = start.elapsed().as_secs_f64();
+
+    let write = |name: &str, text: &str| {
+        write_atomically(&folder.path().join(name), |out| out.write_all(text.as_bytes()))
+    };
+    write("data.csv", &csv(&rows)?)?;
+    write("data.json", &(serde_json::to_string_pretty(&rows)? + "\n"))?;
+    let mut figures = Vec::new();
+    for (id, question) in CHARTS {
+        let mine: Vec<&Row> = rows.iter().filter(|row| row.chart == id).collect();
+        if mine.is_empty() {
+            continue;
+        }
+        let picture = svg::draw(id, question, &mine)?;
+        write(&format!("{id}.svg"), &picture)?;
+        figures.push(page::Figure { id, question, picture, rows: mine });
+    }
+    let how = format!(
+        "{}{}; {} points in {seconds:.0} s; squall {}",
+        args.recipe.display(),
+        if args.quick { ", quick" } else { "" },
+        rows.len(),
+        env!("CARGO_PKG_VERSION")
+    );
+    write("index.html", &page::page(&how, &figures))?;
+    println!("{}: {how}", args.out.join("index.html").display());
+    for figure in &figures {
+        let front = figure.rows.iter().filter(|row| row.pareto).count();
+        println!("{:<16} {:>5} points, {front} on the front", figure.id, figure.rows.len());
+    }
+    folder.keep();
+    Ok(())
+}
+
+fn csv(rows: &[Row]) -> anyhow::Result<String> {
+    let mut out = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        out.serialize(row)?;
+    }
+    Ok(String::from_utf8(out.into_inner()?)?)
+}

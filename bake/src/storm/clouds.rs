@@ -1,0 +1,265 @@
+//! The cloud's part of a bake: settings that the recipe leaves to its budgets are chosen, rows baked, the written bytes judged by
+//! strokes that the choice did not see.
+
+use super::{Stage, StageReport, record};
+use crate::budget::clouds::{Choice, choose};
+use crate::error::BakeError;
+use crate::input::scene::read_scene;
+use crate::progress::Progress;
+use crate::recipe::{Clouds, Recipe};
+use crate::response::judge::{Verdict, judge, shifted_strokes, test_strokes};
+use crate::response::{BakedResponse, LampGrid, LampSpacing, Sources, bake_response, lamp_grid};
+use crate::trial::{count, grid_section};
+use glam::DVec3;
+use squall_formats::container::{self, OutSection};
+use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
+use squall_formats::section::response;
+use squall_runtime::Asset;
+use squall_runtime::relight::{LampPoint, Relighter};
+use squall_runtime::stroke::Stroke;
+use squall_runtime::transport::Cloud;
+use std::path::Path;
+use std::time::Instant;
+
+/// Rounds of choosing, baking and judging before a budget is given up; each asks for more than the one before.
+const ROUNDS: usize = 4;
+/// How much of a budget is left over by the second and later rounds.
+const TIGHTER: f64 = 0.9;
+
+pub(super) fn bake_clouds(
+    recipe: &Recipe,
+    clouds: &Clouds,
+    provenance: &mut ProvenanceSection,
+    sections: &mut Vec<OutSection>,
+    stages: &mut Vec<StageReport>,
+    progress: &dyn Progress,
+) -> Result<(), BakeError> {
+    let start = Stage(Instant::now());
+    let scene = read_scene(&clouds.scene, clouds.optics)?;
+    record(recipe, &clouds.scene, provenance)?;
+    for path in &scene.inputs {
+        record(recipe, path, provenance)?;
+    }
+    let cloud = &scene.cloud;
+    let grid = grid_section(cloud);
+    let [nx, ny, nz] = cloud.shape.to_array();
+    let made = format!("{nx} × {ny} × {nz} cells");
+    stages.push(start.done("cloud grid", made, grid.length(), "as given".into()));
+    sections.push(grid);
+
+    let mut margin = 1.0;
+    for round in 1.. {
+        let start = Stage(Instant::now());
+        let choice = choose(recipe, clouds, cloud, margin, progress)?;
+        if round == 1 && choice.tried > 0 {
+            let made = format!("{} settings tried", choice.tried);
+            stages.push(start.done("budgets", made, 0, choice.words()));
+        }
+        let start = Stage(Instant::now());
+        let lamps = place_lamps(recipe, clouds, cloud, choice.spacing_m)?;
+        let strokes = unseen_strokes(recipe, clouds, cloud, &lamps, choice.spacing_m);
+        let sources = Sources { lamps, distant: clouds.distant.clone() };
+        let mut baked = bake_response(cloud, &sources, &choice.settings, &strokes, progress)?;
+        let rows = std::mem::take(&mut baked.rows);
+        let made = format!(
+            "{} sources × {} channels, {} coefficients",
+            rows.rows.len(),
+            baked.head.channels.count(),
+            baked.kept
+        );
+        let section = response::write(&baked.head, rows);
+        let solver = &baked.head.solver;
+        let error = format!("residual {:.1e}, {} sweeps at most", solver.worst_residual, solver.most_sweeps);
+        stages.push(start.done("cloud response", made, section.length(), error));
+        sections.push(section);
+
+        let start = Stage(Instant::now());
+        progress.begin("verification", baked.tests.len() as u64);
+        let verdict = verify(sections, &baked)?;
+        let error = format!(
+            "relit L2 {:.2} % from the bytes; stroke L2 {:.1} %, median {:.1} %",
+            100.0 * verdict.codec.l2,
+            100.0 * verdict.stroke.l2,
+            100.0 * verdict.stroke.median
+        );
+        stages.push(start.done("verification", format!("{} unseen strokes", baked.tests.len()), 0, error));
+        let over = clouds.budget.over(&verdict);
+        if over <= 1.0 || baked.tests.is_empty() {
+            report(verdict, &baked, clouds, &choice, provenance);
+            return Ok(());
+        }
+        if round == ROUNDS || choice.tried == 0 {
+            return Err(not_met(clouds, &verdict, &choice));
+        }
+        // Unseen strokes are worse off than those that chose: ask for more, and bake once more.
+        margin *= TIGHTER / over;
+        sections.pop();
+    }
+    Ok(())
+}
+
+fn not_met(clouds: &Clouds, verdict: &Verdict, choice: &Choice) -> BakeError {
+    let asked = |name: &str, value: Option<f64>| value.map(|v| format!("{name} {v}"));
+    let budget = &clouds.budget;
+    let wanted = [asked("stroke_l2", budget.stroke_l2), asked("relit_l2", budget.relit_l2)];
+    BakeError::NotReached {
+        what: "clouds.budget on unseen strokes".into(),
+        wanted: wanted.into_iter().flatten().collect::<Vec<_>>().join(" and "),
+        reached: format!(
+            "stroke_l2 {:.4}, relit_l2 {:.4} with {}",
+            verdict.stroke.l2,
+            verdict.codec.l2,
+            choice.words()
+        ),
+        hint: "leave spacing_m, channels and error to the budget, or ask for less".into(),
+    }
+}
+
+/// Relights the test strokes from the sections as they will be written.
+fn verify(sections: &[OutSection], baked: &BakedResponse) -> Result<Verdict, BakeError> {
+    let mut bytes = Vec::new();
+    container::write(&mut bytes, sections).map_err(BakeError::io(Path::new("(memory)"), "write"))?;
+    let asset = Asset::from_bytes(&bytes)?;
+    let relighter = Relighter::new(&asset)?;
+    judge(&relighter, &baked.tests)
+}
+
+/// Strokes that judge a response: the first `test_strokes` of the recipe's own, moved, where lamps were pruned to those; else
+/// grown at random in the reach. Strokes that a choice may see come behind them: [`crate::budget::clouds`].
+pub(crate) fn strokes_for(
+    recipe: &Recipe,
+    clouds: &Clouds,
+    cloud: &Cloud,
+    lamps: &LampGrid,
+    spacing_m: f64,
+    count: usize,
+) -> Vec<Vec<LampPoint>> {
+    let reach = [
+        DVec3::new(lamps.x_m[0], lamps.y_m[0], lamps.z_m[0]),
+        DVec3::new(last(&lamps.x_m), last(&lamps.y_m), last(&lamps.z_m)),
+    ];
+    let usable = |point: DVec3| touches_wanted(lamps, point);
+    if clouds.lamps.prune {
+        let own: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lamps(0.0)).collect();
+        shifted_strokes(&own, usable, 0.5 * spacing_m, count)
+    } else {
+        test_strokes(cloud, reach, usable, 0.5 * spacing_m, count)
+    }
+}
+
+fn unseen_strokes(
+    recipe: &Recipe,
+    clouds: &Clouds,
+    cloud: &Cloud,
+    lamps: &LampGrid,
+    spacing_m: f64,
+) -> Vec<Vec<LampPoint>> {
+    strokes_for(recipe, clouds, cloud, lamps, spacing_m, clouds.test_strokes as usize)
+}
+
+fn last(axis: &[f64]) -> f64 {
+    axis.last().copied().unwrap_or(0.0)
+}
+
+/// The box that lamps have to fill: as the recipe names it, or the cloud's own down to the strokes' lowest point.
+pub(crate) fn reach_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> [DVec3; 2] {
+    let (mut low, mut high) = (cloud.origin_m, cloud.far_corner());
+    for lamp in recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0)) {
+        low = low.min(lamp.position);
+        high = high.max(lamp.position);
+    }
+    [clouds.lamps.low_m.map_or(low, DVec3::from_array), clouds.lamps.high_m.map_or(high, DVec3::from_array)]
+}
+
+/// The lamp grid of a recipe at a spacing; 0 is a twelfth of the longest side.
+pub(crate) fn place_lamps(
+    recipe: &Recipe,
+    clouds: &Clouds,
+    cloud: &Cloud,
+    spacing_m: f64,
+) -> Result<LampGrid, BakeError> {
+    let [low, high] = reach_of(recipe, clouds, cloud);
+    let occupied = cloud.extinction.iter().position(|&e| e > 0.0);
+    let base = occupied
+        .map_or(cloud.origin_m.z, |at| cloud.origin_m.z + cloud.shape.cell(at)[2] as f64 * cloud.cell_m[2]);
+    let size = high - low;
+    let base_m = if spacing_m > 0.0 { spacing_m } else { size.max_element() / 12.0 };
+    let nodes = (size / base_m).ceil() + DVec3::ONE;
+    if nodes.x * nodes.y * nodes.z > MAX_LAMPS {
+        let wanted = format!("at most {MAX_LAMPS} virtual lamps");
+        let found = format!("about {} × {} × {}", nodes.x, nodes.y, nodes.z);
+        return Err(BakeError::input(&recipe.file, "clouds.lightning.spacing_m", wanted, found));
+    }
+    let spacing =
+        LampSpacing { base_m, epsilon: clouds.lamps.epsilon_per_m2, longest_m: clouds.lamps.longest_m };
+    let mut grid = lamp_grid(low, high, base, spacing);
+    if clouds.lamps.prune {
+        grid.wanted = vec![false; grid.len()];
+        for lamp in recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0)) {
+            for node in grid.around(lamp.position).into_iter().flatten() {
+                grid.wanted[node] = true;
+            }
+        }
+    }
+    Ok(grid)
+}
+
+/// More virtual lamps than this would take days: a typing error in the spacing, most likely.
+const MAX_LAMPS: f64 = 2e6;
+
+/// Whether a lamp at `point` splits over nodes that are baked.
+fn touches_wanted(grid: &LampGrid, point: DVec3) -> bool {
+    grid.around(point)
+        .is_some_and(|nodes| grid.wanted.is_empty() || nodes.iter().all(|&node| grid.wanted[node]))
+}
+
+/// Writes down what was asked, got and chosen.
+fn report(
+    verdict: Verdict,
+    baked: &BakedResponse,
+    clouds: &Clouds,
+    choice: &Choice,
+    provenance: &mut ProvenanceSection,
+) {
+    let mut add = |part: &str, metric: &str, asked: Option<f64>, got: f64, chosen: &str, neighbours: bool| {
+        provenance.budgets.push(BudgetRecord {
+            part: part.into(),
+            metric: metric.into(),
+            asked,
+            got,
+            chosen: chosen.into(),
+            next_better: choice.next_better.clone().filter(|_| neighbours),
+            next_cheaper: choice.next_cheaper.clone().filter(|_| neighbours),
+        });
+    };
+    let budget = &clouds.budget;
+    let codec = format!("{:?}, error {:.3e}", baked.head.codec, choice.settings.relative_error);
+    let codec_error = verdict.codec;
+    let chose_codec = budget.relit_l2.is_some() && budget.stroke_l2.is_none();
+    let metric = "relit L2 on unseen strokes, against the same rows uncompressed";
+    add("response codec", metric, budget.relit_l2, codec_error.l2, &codec, chose_codec);
+    let metric = "99.9th percentile of the relit error, over the peak";
+    add("response codec", metric, None, codec_error.tail, &codec, false);
+    add("response codec", "median pointwise relit error", None, codec_error.median, &codec, false);
+    let response::SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &baked.head.sources;
+    let baked_lamps = count(&rows.iter().map(|&row| row != response::NO_ROW).collect::<Vec<_>>());
+    let grid = format!(
+        "{baked_lamps} of {} × {} × {} lamps, {} channels",
+        x_m.len(),
+        y_m.len(),
+        z_m.len(),
+        baked.head.channels.count()
+    );
+    let metric = "stroke L2 over 26 directions, against the stroke solved directly";
+    add("lightning grid", metric, budget.stroke_l2, verdict.stroke.l2, &grid, budget.stroke_l2.is_some());
+    add("lightning grid", "median pointwise stroke error", None, verdict.stroke.median, &grid, false);
+    let record = &baked.head.solver;
+    let solver = format!(
+        "refinement {}, directions {:?}, {:?}",
+        choice.settings.refine, record.directions, record.scheme
+    );
+    add("transport", "largest residual", Some(record.tolerance), record.worst_residual, &solver, false);
+    if let Some(chosen) = &choice.solver {
+        provenance.budgets.push(chosen.clone());
+    }
+}

@@ -1,0 +1,148 @@
+//! What a setting gives and what it costs, tried on a few strokes: solved once, coded in many ways, relit from the bytes.
+//!
+//! Budgets choose by these figures and charts show them. Everything here is a function of the inputs; nothing looks at a clock.
+
+use crate::error::BakeError;
+use crate::progress::Progress;
+use crate::recipe::Recipe;
+use crate::response::judge::{Verdict, judge};
+use crate::response::{BakedResponse, LampGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
+use crate::storm::clouds::{place_lamps, strokes_for};
+use squall_formats::container::{self, OutSection};
+use squall_formats::section::cloud::{CloudHead, CloudSection};
+use squall_formats::section::response::{self, ChannelBasis, Codec};
+use squall_runtime::Asset;
+use squall_runtime::relight::{LampPoint, Relighter};
+use squall_runtime::transport::{Boundary, Cloud};
+use std::path::Path;
+
+/// A cloud's grid as a section.
+pub fn grid_section(cloud: &Cloud) -> OutSection {
+    CloudSection {
+        head: CloudHead {
+            shape: cloud.shape,
+            cell_m: cloud.cell_m,
+            origin_m: cloud.origin_m.to_array(),
+            albedo: cloud.albedo,
+            g: cloud.g,
+            periodic_xy: cloud.boundary == Boundary::PeriodicXy,
+        },
+        extinction: &cloud.extinction,
+    }
+    .write()
+}
+
+/// An asset in memory with a cloud and its response, and the response's bytes.
+///
+/// Errors: none that a response from [`crate::response`] brings about.
+pub fn asset_of(cloud: &Cloud, baked: BakedResponse) -> Result<(Asset, u64), BakeError> {
+    let section = response::write(&baked.head, baked.rows);
+    let bytes = section.length();
+    let mut out = Vec::new();
+    container::write(&mut out, &[grid_section(cloud), section])
+        .map_err(BakeError::io(Path::new("(memory)"), "write"))?;
+    Ok((Asset::from_bytes(&out)?, bytes))
+}
+
+/// A lamp grid tried on some strokes: the rows that those touch, solved and not yet coded.
+pub struct Trial<'a> {
+    cloud: &'a Cloud,
+    solved: SolvedRows,
+    /// Lamps that a bake of this grid would solve for.
+    pub lamps: usize,
+    /// Rows of distant light beside them.
+    distant: usize,
+}
+
+/// What coding a trial's rows in one way gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// Errors on the trial's strokes, relit from bytes.
+    pub verdict: Verdict,
+    /// Bytes of the whole response, estimated from those of the tried rows.
+    pub bytes: u64,
+    /// Coefficients that a stroke's relighting adds up, mean over the tried rows, times the rows that a stroke touches.
+    pub coefficients: u64,
+}
+
+impl<'a> Trial<'a> {
+    /// Solves the rows of `lamps` that `strokes` touch.
+    ///
+    /// Errors: as [`solve_rows`].
+    pub fn new(
+        cloud: &'a Cloud,
+        lamps: &LampGrid,
+        distant: usize,
+        settings: &ResponseSettings,
+        strokes: &[Vec<LampPoint>],
+        progress: &dyn Progress,
+    ) -> Result<Self, BakeError> {
+        let touched = touched(lamps, strokes);
+        let wanted = if lamps.wanted.is_empty() { lamps.len() } else { count(&lamps.wanted) };
+        let sources = Sources { lamps: LampGrid { wanted: touched, ..lamps.clone() }, distant: Vec::new() };
+        let solved = solve_rows(cloud, &sources, settings, strokes, progress)?;
+        Ok(Self { cloud, solved, lamps: wanted, distant })
+    }
+
+    /// Codes the rows and judges them by the strokes.
+    ///
+    /// Errors: none that rows solved here bring about.
+    pub fn code(&self, channels: ChannelBasis, codec: Codec, error: f64) -> Result<Outcome, BakeError> {
+        let coded = self.solved.encode(channels, codec, error);
+        let (tried, kept, tests) = (coded.rows.rows.len().max(1), coded.kept, coded.tests.clone());
+        let (asset, bytes) = asset_of(self.cloud, coded)?;
+        let verdict = judge(&Relighter::new(&asset)?, &tests)?;
+        let rows = self.lamps + self.distant;
+        // Tests touch all of the tried rows between them; head and index grow with the rows as well.
+        let bytes = bytes * rows as u64 / tried as u64;
+        Ok(Outcome { verdict, bytes, coefficients: (kept / tests.len().max(1)) as u64 })
+    }
+
+    /// Bytes that the solved rows of such a trial take.
+    pub fn bytes(
+        lamps: &LampGrid,
+        strokes: &[Vec<LampPoint>],
+        channels: ChannelBasis,
+        cloud: &Cloud,
+    ) -> usize {
+        count(&touched(lamps, strokes)) * channels.count() * cloud.shape.len() * size_of::<f32>()
+    }
+
+    /// Rows that were solved.
+    pub fn rows(&self) -> usize {
+        self.solved.planes.len()
+    }
+}
+
+/// Which nodes of `lamps` the strokes are split over; those that are not wanted stay so.
+pub fn touched(lamps: &LampGrid, strokes: &[Vec<LampPoint>]) -> Vec<bool> {
+    let mut touched = vec![false; lamps.len()];
+    for point in strokes.iter().flatten() {
+        for node in lamps.around(point.position).into_iter().flatten() {
+            touched[node] = lamps.wanted.is_empty() || lamps.wanted[node];
+        }
+    }
+    touched
+}
+
+/// Number of nodes marked.
+pub fn count(marks: &[bool]) -> usize {
+    marks.iter().filter(|&&mark| mark).count()
+}
+
+/// The recipe's lamp grid at a spacing, and the strokes that judge a response over it.
+///
+/// Errors: a recipe without clouds, more lamps than days allow.
+pub fn strokes_that_judge(
+    recipe: &Recipe,
+    cloud: &Cloud,
+    spacing_m: f64,
+) -> Result<(LampGrid, Vec<Vec<LampPoint>>), BakeError> {
+    let Some(clouds) = &recipe.clouds else {
+        return Err(BakeError::input(&recipe.file, "recipe", "a table [clouds]", "none"));
+    };
+    let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
+    let count = clouds.test_strokes as usize;
+    let strokes = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, count);
+    Ok((lamps, strokes))
+}
