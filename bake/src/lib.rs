@@ -10,6 +10,7 @@ pub mod density;
 pub mod error;
 pub mod fields;
 pub mod input;
+pub mod monte_carlo;
 pub mod output;
 pub mod picture;
 pub mod progress;
