@@ -121,7 +121,8 @@ pub fn solve_by_chance(
         return Err(RuntimeError::argument("beam direction", wanted, direction).into());
     }
     let grid = Grid::new(cloud);
-    let eyes = cameras.iter().map(|(name, camera)| Eye::new(&grid, name, camera)).collect::<Result<_, _>>()?;
+    let eyes =
+        cameras.iter().map(|(name, camera)| Eye::new(&grid, name, camera)).collect::<Result<_, _>>()?;
     let towards = orthographic(cameras).map(|(_, camera)| -camera.forward).collect();
     let scene = Scene { grid, albedo: cloud.albedo, phase: Phase::new(cloud.g), towards, eyes };
     let cells = cloud.shape.len();
@@ -273,7 +274,9 @@ impl Sums {
             images: cameras
                 .iter()
                 .zip(&self.images)
-                .map(|((name, camera), image)| (name.clone(), camera.width as usize, image.estimate(0, 1, 1.0)))
+                .map(|((name, camera), image)| {
+                    (name.clone(), camera.width as usize, image.estimate(0, 1, 1.0))
+                })
                 .collect(),
         };
         let file_names = ["phi_sc".to_owned(), "phi_dir".to_owned()]

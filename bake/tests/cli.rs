@@ -2,6 +2,7 @@
 
 mod disk;
 mod inspect;
+mod monte_carlo;
 mod query;
 mod recipe;
 mod relight;

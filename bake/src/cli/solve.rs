@@ -17,9 +17,6 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Sweeps after which the sweep gives up, where nobody says.
-const MAX_SWEEPS: u32 = 2000;
-
 /// The slow truth: fields and pictures of one light in a scene, without an asset.
 #[derive(clap::Args)]
 pub struct Args {
@@ -129,7 +126,7 @@ fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Field
     let mut settings = TruthSettings { refine: args.refine.unwrap_or(0), ..TruthSettings::default() };
     settings.solve.quadrature = args.directions.unwrap_or(settings.solve.quadrature);
     settings.solve.tolerance = args.tolerance.unwrap_or(settings.solve.tolerance);
-    settings.solve.max_sweeps = args.max_sweeps.unwrap_or(MAX_SWEEPS);
+    settings.solve.max_sweeps = args.max_sweeps.unwrap_or(settings.solve.max_sweeps);
     let towards: Vec<_> = orthographic(&scene.cameras).map(|(_, camera)| -camera.forward).collect();
     let truth = solve_light(&scene.cloud, light, &towards, &settings, bars)?;
     let fields = Fields::of_truth(&truth, &scene.cameras, bars)?;

@@ -39,7 +39,8 @@ impl Eye {
     ///
     /// Errors, where the grid repeats: a perspective camera, one that looks level, more than 65 536 copies in the picture.
     pub fn new(grid: &Grid<'_>, name: &str, camera: &Camera) -> Result<Self, BakeError> {
-        let scale = 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.half_extent();
+        let scale =
+            0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.half_extent();
         let orthographic = matches!(camera.projection, Projection::Orthographic { .. });
         let mut eye = Self { camera: camera.clone(), scale, orthographic, copies: None };
         if grid.repeats(0) {
@@ -123,7 +124,8 @@ impl Eye {
         let Some(pixel) = self.pixel(middle + self.across(offset) / depth) else { return };
         let towards = -offset / distance;
         let way = grid.depth(place, towards, distance, DARK);
-        image[pixel] += per_area * phase.value(direction, towards) * libm::exp(-way) * distance / (depth * depth * depth);
+        image[pixel] +=
+            per_area * phase.value(direction, towards) * libm::exp(-way) * distance / (depth * depth * depth);
     }
 
     /// Calls `visit` for the pixel of every copy of the point `at` that lies in the picture.

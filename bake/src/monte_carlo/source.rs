@@ -37,9 +37,7 @@ impl Source {
             }
             Light::Beam { direction, irradiance } => {
                 let size = grid.size();
-                let area = |axis: usize| {
-                    direction[axis].abs() * size[(axis + 1) % 3] * size[(axis + 2) % 3]
-                };
+                let area = |axis: usize| direction[axis].abs() * size[(axis + 1) % 3] * size[(axis + 2) % 3];
                 let axes: Vec<usize> =
                     (0..3).filter(|&axis| !grid.repeats(axis) && direction[axis] != 0.0).collect();
                 let total: f64 = axes.iter().map(|&axis| area(axis)).sum();
@@ -151,7 +149,13 @@ mod tests {
         let cloud = cloud();
         let grid = Grid::new(&cloud);
         let mut random = Random::new(2);
-        for lamp in [[0.0, 0.0, 107.0], [0.0, 0.0, 95.0], [-20.0, 0.0, 100.0], [60.0, -50.0, 150.0], [0.0, 0.0, 300.0]] {
+        for lamp in [
+            [0.0, 0.0, 107.0],
+            [0.0, 0.0, 95.0],
+            [-20.0, 0.0, 100.0],
+            [60.0, -50.0, 150.0],
+            [0.0, 0.0, 300.0],
+        ] {
             let from = DVec3::from_array(lamp);
             let source = Source::new(&grid, Light::Point { position: from, intensity: 1.0 });
             let mut square = Square::new(&mut random);

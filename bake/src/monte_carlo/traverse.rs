@@ -135,8 +135,7 @@ impl<'a> Grid<'a> {
             }
             let per_metre = 1.0 / along.abs();
             between[axis] = self.cell_m[axis] * per_metre;
-            let ahead =
-                if along > 0.0 { self.cell_m[axis] - place.local[axis] } else { place.local[axis] };
+            let ahead = if along > 0.0 { self.cell_m[axis] - place.local[axis] } else { place.local[axis] };
             next[axis] = ahead * per_metre;
             step[axis] = if along > 0.0 { 1 } else { -1 };
         }
@@ -242,7 +241,8 @@ mod tests {
             let grid = Grid::new(&cloud);
             let mut hits = 0;
             for _ in 0..60 {
-                let start = DVec3::new(random.range(-12.0, 12.0), random.range(0.0, 30.0), random.range(-2.0, 6.0));
+                let start =
+                    DVec3::new(random.range(-12.0, 12.0), random.range(0.0, 30.0), random.range(-2.0, 6.0));
                 let direction = random.direction();
                 let wanted = stepped(&cloud, start, direction, 40.0);
                 let found = grid.enter(start, direction).map_or(0.0, |place| {
@@ -257,7 +257,10 @@ mod tests {
                     hits += 1;
                     grid.depth(&place, direction, left, f64::INFINITY)
                 });
-                assert!((found - wanted).abs() < STEPPING, "{boundary:?} {start} {direction}: {found} {wanted}");
+                assert!(
+                    (found - wanted).abs() < STEPPING,
+                    "{boundary:?} {start} {direction}: {found} {wanted}"
+                );
             }
             assert!(hits > 15, "{hits}");
         }
