@@ -66,7 +66,7 @@ fn azimuth(random: &mut Random) -> (f64, f64) {
 
 /// `cos` along unit `axis` and x, y along two unit vectors across it.
 ///
-/// The two vectors are Frisvad's, in the form whose sign keeps it exact at both poles.
+/// [duff]: the sign keeps the two vectors exact at both poles.
 #[inline]
 pub fn around(axis: DVec3, cos: f64, x: f64, y: f64) -> DVec3 {
     let sign = 1f64.copysign(axis.z);
