@@ -3,6 +3,7 @@
 mod diff;
 mod disk;
 mod inspect;
+mod monte_carlo;
 mod query;
 mod recipe;
 mod relight;

@@ -4,11 +4,11 @@ use assert_cmd::Command;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-const DIMS: [usize; 3] = [6, 5, 3];
-const CELLS: usize = DIMS[0] * DIMS[1] * DIMS[2];
+pub const DIMS: [usize; 3] = [6, 5, 3];
+pub const CELLS: usize = DIMS[0] * DIMS[1] * DIMS[2];
 
 /// A ragged little cloud with empty cells, cells that are not cubes, two lamps and two cameras.
-fn scene() -> Value {
+pub fn scene() -> Value {
     json!({
         "dims_xyz": DIMS, "cell_m": [40.0, 50.0, 30.0], "origin_m": [-120.0, -100.0, 500.0],
         "density_file": "grid.f32", "kappa_per_m": 0.02, "albedo": 0.99, "g": 0.5,
@@ -25,11 +25,11 @@ fn scene() -> Value {
     })
 }
 
-fn density() -> Vec<f32> {
+pub fn density() -> Vec<f32> {
     (0..CELLS).map(|i| if i % 4 == 1 { 0.0 } else { 0.2 + ((i * 37) % 11) as f32 / 10.0 }).collect()
 }
 
-fn write_scene(folder: &Path, scene: &Value, density: &[f32]) -> PathBuf {
+pub fn write_scene(folder: &Path, scene: &Value, density: &[f32]) -> PathBuf {
     let bytes: Vec<u8> = density.iter().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(folder.join("grid.f32"), bytes).unwrap();
     let path = folder.join("scene.json");
@@ -37,13 +37,13 @@ fn write_scene(folder: &Path, scene: &Value, density: &[f32]) -> PathBuf {
     path
 }
 
-struct Ran {
-    code: i32,
-    out: String,
-    error: String,
+pub struct Ran {
+    pub code: i32,
+    pub out: String,
+    pub error: String,
 }
 
-fn solve(scene: &Path, lamp: &str, out: &Path, more: &[&str]) -> Ran {
+pub fn solve(scene: &Path, lamp: &str, out: &Path, more: &[&str]) -> Ran {
     let mut command = Command::cargo_bin("squall").unwrap();
     command.arg("solve").arg(scene).args(["--lamp", lamp, "-o"]).arg(out).args(more);
     let output = command.output().unwrap();
@@ -51,12 +51,12 @@ fn solve(scene: &Path, lamp: &str, out: &Path, more: &[&str]) -> Ran {
     Ran { code: output.status.code().unwrap(), out: text(output.stdout), error: text(output.stderr) }
 }
 
-fn read(path: PathBuf) -> Vec<f32> {
+pub fn read(path: PathBuf) -> Vec<f32> {
     let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
-fn report(out: &Path) -> Value {
+pub fn report(out: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(out.join("solve.json")).unwrap()).unwrap()
 }
 

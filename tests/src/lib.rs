@@ -56,6 +56,8 @@ mod known_issues;
 #[cfg(test)]
 mod layering;
 #[cfg(test)]
+mod monte_carlo;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;

@@ -19,7 +19,7 @@ fn settings(refine: u32, quadrature: Quadrature) -> TruthSettings {
 const FINE_SET: Quadrature = Quadrature::DoubleGauss { polar: 4, azimuths: 16 };
 
 /// A homogeneous cube of `count` cells an edge, cells `cell` mean free paths wide, centred on the origin.
-fn cube(count: u32, cell: f64, albedo: f64, g: f64) -> Cloud {
+pub fn cube(count: u32, cell: f64, albedo: f64, g: f64) -> Cloud {
     let shape = GridShape::new(count, count, count);
     let half = -0.5 * f64::from(count) * cell;
     Cloud {
@@ -37,7 +37,7 @@ fn cube(count: u32, cell: f64, albedo: f64, g: f64) -> Cloud {
 /// `r` mean free paths: e^−r/(4πr²) + (c/2π²r) ∫ atan²k sin kr / (k − c atan k) dk over k = 0…∞.
 ///
 /// For large k the integrand is (π²/4) sin kr / k; k/(1+k²), whose integral is known, is taken off so that the rest converges.
-fn infinite_medium(c: f64, r: f64) -> f64 {
+pub fn infinite_medium(c: f64, r: f64) -> f64 {
     let quarter = std::f64::consts::PI * std::f64::consts::PI / 4.0;
     let rest = |k: f64| {
         let angle = libm::atan(k);
@@ -104,7 +104,7 @@ fn collisions_lie_at_the_mean_squared_distance_of_the_closed_form() {
 }
 
 /// A ragged cloud: lumps of very different extinction with empty cells between them.
-fn ragged(albedo: f64, g: f64) -> Cloud {
+pub fn ragged(albedo: f64, g: f64) -> Cloud {
     let shape = GridShape::new(12, 9, 7);
     let mut random = squall_runtime::random::Random::new(11);
     let extinction = (0..shape.len())

@@ -40,7 +40,7 @@ pub fn score(found: &[f32], wanted: &[f32], errors: &[f32], counts: impl Fn(usiz
     Score { mean: sum / wanted_sum - 1.0, rmse: (square / wanted_square).sqrt(), median }
 }
 
-fn read_f32(name: &str) -> Option<Vec<f32>> {
+pub fn read_f32(name: &str) -> Option<Vec<f32>> {
     Some(bytemuck::allocation::pod_collect_to_vec(&std::fs::read(reference(name)?).unwrap()))
 }
 

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use squall_bake::cloud::{TruthSettings, solve_light};
 use squall_bake::fields::{Fields, orthographic};
 use squall_bake::input::scene::{Optics, Scene, read_scene};
+use squall_bake::monte_carlo::{ChanceSettings, PHOTONS, solve_by_chance};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::recipe::parse_directions;
@@ -33,25 +34,61 @@ pub struct Args {
     /// sweep: parts that every cell is cut into along each axis, 1 to 64; left out, as many as its optical depth asks for.
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=64))]
     refine: Option<u32>,
-    /// sweep: direction set, 14, 26, 50 or POLARxAZIMUTHS.
-    #[arg(long, default_value = "4x16", value_parser = directions)]
-    directions: Quadrature,
-    /// sweep: residual, relative to the first scattering, at which the light counts as solved.
-    #[arg(long, default_value_t = 1e-4, value_parser = tolerance)]
-    tolerance: f64,
-    /// sweep: sweeps after which to give up.
-    #[arg(long, value_name = "N", default_value_t = 2000)]
-    max_sweeps: u32,
+    /// sweep: direction set, 14, 26, 50 or POLARxAZIMUTHS; 4x16 if left out.
+    #[arg(long, value_name = "SET", value_parser = directions)]
+    directions: Option<Quadrature>,
+    /// sweep: residual, relative to the first scattering, at which the light counts as solved; 1e-4 if left
+    /// out.
+    #[arg(long, value_parser = tolerance)]
+    tolerance: Option<f64>,
+    /// sweep: sweeps after which to give up; 2000 if left out.
+    #[arg(long, value_name = "N")]
+    max_sweeps: Option<u32>,
+    /// monte-carlo: photons, 100 to 10^11; a million if left out. Standard errors fall with their square root.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(PHOTONS))]
+    samples: Option<u64>,
+    /// monte-carlo: seed of the random numbers; 1 if left out.
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum Method {
     /// Discrete ordinates.
     Sweep,
+    /// Photons by chance, with standard errors: shares nothing with the sweep but the scene.
+    MonteCarlo,
+}
+
+impl Args {
+    /// Options of one method do not go with the other.
+    fn checked(&self) -> std::result::Result<(), clap::Error> {
+        let sweep = [
+            ("--refine", self.refine.is_some()),
+            ("--directions", self.directions.is_some()),
+            ("--tolerance", self.tolerance.is_some()),
+            ("--max-sweeps", self.max_sweeps.is_some()),
+        ];
+        let chance = [("--samples", self.samples.is_some()), ("--seed", self.seed.is_some())];
+        let (method, foreign) = match self.method {
+            Method::Sweep => ("sweep", &chance[..]),
+            Method::MonteCarlo => ("monte-carlo", &sweep[..]),
+        };
+        match foreign.iter().find(|(_, given)| *given) {
+            None => Ok(()),
+            Some((option, _)) => {
+                let words = format!("{option} does not go with --method {method}\n");
+                Err(clap::Error::raw(clap::error::ErrorKind::ArgumentConflict, words))
+            }
+        }
+    }
 }
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
+    if let Err(error) = args.checked() {
+        error.exit();
+    }
     let start = Instant::now();
     let scene = read_scene(&args.scene, Optics::default())?;
     let light = scene.light(&args.lamp)?;
@@ -59,6 +96,7 @@ pub fn run(args: Args) -> Result<()> {
     let bars = Bars::new()?;
     let (fields, report, lines) = match args.method {
         Method::Sweep => sweep(&args, &scene, light, &bars)?,
+        Method::MonteCarlo => monte_carlo(&args, &scene, light, &bars)?,
     };
     bars.finish();
     bars.check()?;
@@ -86,19 +124,19 @@ pub fn run(args: Args) -> Result<()> {
 
 fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Fields, Value, String)> {
     let mut settings = TruthSettings { refine: args.refine.unwrap_or(0), ..TruthSettings::default() };
-    settings.solve.quadrature = args.directions;
-    settings.solve.tolerance = args.tolerance;
-    settings.solve.max_sweeps = args.max_sweeps;
+    settings.solve.quadrature = args.directions.unwrap_or(settings.solve.quadrature);
+    settings.solve.tolerance = args.tolerance.unwrap_or(settings.solve.tolerance);
+    settings.solve.max_sweeps = args.max_sweeps.unwrap_or(settings.solve.max_sweeps);
     let towards: Vec<_> = orthographic(&scene.cameras).map(|(_, camera)| -camera.forward).collect();
     let truth = solve_light(&scene.cloud, light, &towards, &settings, bars)?;
     let fields = Fields::of_truth(&truth, &scene.cameras, bars)?;
-    let directions = args.directions.ordinates()?.len();
+    let directions = settings.solve.quadrature.ordinates()?.len();
     let mut report = serde_json::to_value(&truth.report)?;
     report["method"] = json!("sweep");
     report["refinement"] = json!(truth.refine);
     report["solve_cells"] = json!(truth.fine.shape.len());
     report["directions"] = json!(directions);
-    report["tolerance"] = json!(args.tolerance);
+    report["tolerance"] = json!(settings.solve.tolerance);
     let lines = format!(
         "{} lit by {}: {} solve cells (refinement {}), {directions} directions\nresidual {:.1e} after {} sweeps, energy \
          balance {:+.1e}",
@@ -110,6 +148,33 @@ fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Field
         truth.report.sweeps,
         truth.report.energy_balance,
     );
+    Ok((fields, report, lines))
+}
+
+fn monte_carlo(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Fields, Value, String)> {
+    let defaults = ChanceSettings::default();
+    let settings = ChanceSettings {
+        photons: args.samples.unwrap_or(defaults.photons),
+        seed: args.seed.unwrap_or(defaults.seed),
+    };
+    let (fields, report) = solve_by_chance(&scene.cloud, light, &scene.cameras, &settings, bars)?;
+    let lines = format!(
+        "{} lit by {}: {} photons, seed {}\nmean scattered fluence rate {:.4e} ± {:.1e} W/m², energy balance {:+.1e} ± {:.1e}",
+        args.scene.display(),
+        args.lamp,
+        settings.photons,
+        settings.seed,
+        report.means["phi_sc"].mean,
+        report.means["phi_sc"].standard_error,
+        report.energy_balance,
+        report.energy_balance_se,
+    );
+    let mut report = serde_json::to_value(&report)?;
+    report["method"] = json!("monte-carlo");
+    // Cells stay whole, and nothing is iterated.
+    report["refinement"] = json!(1);
+    report["residual"] = Value::Null;
+    report["sweeps"] = Value::Null;
     Ok((fields, report, lines))
 }
 
