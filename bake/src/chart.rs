@@ -201,9 +201,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Row>, Bake
 
 /// Marks in every panel (chart, truth, error and cost measure) the points that no other point beats or equals in both.
 fn mark_front(rows: &mut [Row]) {
-    let key = |row: &Row| {
-        (row.chart.clone(), row.truth.clone(), row.error_metric.clone(), row.cost_metric.clone())
-    };
+    let key =
+        |row: &Row| (row.chart.clone(), row.truth.clone(), row.error_metric.clone(), row.cost_metric.clone());
     // Larger is worse, whatever the measure.
     let badness = |row: &Row| if Metric::rises(&row.error_metric) { -row.error } else { row.error };
     for at in 0..rows.len() {
@@ -249,7 +248,10 @@ mod tests {
             mark_front(&mut rows);
             rows.iter().map(|row| row.pareto).collect::<Vec<_>>()
         };
-        assert_eq!(front("L2", &[(1.0, 0.5), (2.0, 0.1), (3.0, 0.1), (2.0, 0.6)]), [true, true, false, false]);
+        assert_eq!(
+            front("L2", &[(1.0, 0.5), (2.0, 0.1), (3.0, 0.1), (2.0, 0.6)]),
+            [true, true, false, false]
+        );
         assert_eq!(front("PSNR, dB", &[(1.0, 20.0), (2.0, 30.0), (3.0, 25.0)]), [true, true, false]);
         assert_eq!(front("L2", &[(1.0, 0.5), (1.0, 0.5)]), [true, false]);
         assert_eq!(front("L2", &[(1.0, f64::NAN), (2.0, 0.5)]), [false, true]);

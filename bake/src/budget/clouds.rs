@@ -106,8 +106,8 @@ fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
     format!("lamps {spacing_m:.4} m apart, {} channels, coded to {error:.3e}", channels.count())
 }
 
-/// Strokes that candidates are tried on.
-const STROKES: usize = 4;
+/// Strokes that candidates are tried on: as many as memory has room for, between these.
+const STROKES: [usize; 2] = [4, 16];
 /// The coarsest spacing is the reach's longest side over this; each next is finer by √2.
 const COARSEST: f64 = 2.0;
 const SPACINGS: usize = 14;
@@ -148,7 +148,7 @@ pub fn choose(
         let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
         let seen_by_judge =
             strokes_for(recipe, clouds, cloud, &lamps, spacing_m, clouds.test_strokes as usize);
-        let all = clouds.test_strokes as usize + STROKES;
+        let all = clouds.test_strokes as usize + STROKES[1];
         let all = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, all);
         Ok(all.into_iter().skip(seen_by_judge.len()).collect())
     };
@@ -181,8 +181,11 @@ pub fn choose(
     let mut attempt = |search: &mut Search, spacing_m: f64| -> Result<Option<Tried>, BakeError> {
         progress.check()?;
         let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
-        let strokes = strokes(spacing_m)?;
+        let mut strokes = strokes(spacing_m)?;
         let widest = search.channels.last().copied().unwrap_or(choice.settings.channels);
+        while strokes.len() > STROKES[0] && Trial::bytes(&lamps, &strokes, widest, cloud) > MOST_BYTES {
+            strokes.truncate(strokes.len() / 2);
+        }
         if Trial::bytes(&lamps, &strokes, widest, cloud) > MOST_BYTES {
             full = true;
             return Ok(None);

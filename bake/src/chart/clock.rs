@@ -20,7 +20,7 @@ fn worked() -> f64 {
 
 /// Runs `work` `repeats` times on one thread, all of its parallel parts included, and returns its last result and seconds.
 pub fn seconds<T: Send>(repeats: usize, mut work: impl FnMut() -> T + Send) -> (T, Cost) {
-    let run = || {
+    let mut run = || {
         let mut times = Vec::with_capacity(repeats);
         let mut timed = |work: &mut dyn FnMut() -> T| {
             let start = worked();

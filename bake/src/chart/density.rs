@@ -30,7 +30,11 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let classes: &[usize] = if task.quick { &[16] } else { &[4, 16, 32] };
     progress.begin("chart density", (asked.len() * classes.len() + 2) as u64);
     let mut points = Vec::new();
-    let mut measure = |section: &DensitySection, mode: Mode, series: String, setting: String, chosen: bool| {
+    let mut measure = |section: &DensitySection,
+                       mode: Mode,
+                       series: String,
+                       setting: String,
+                       chosen: bool| {
         let table = section.table(mode);
         let bytes = (table.classes.len() * section.rates.len() * MOMENTS * size_of::<f64>()) as u64;
         let mut counts = vec![0.0; table.classes.len()];
@@ -60,10 +64,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             setting,
             truth: "quadrature over diameters, measured fall speeds".into(),
             errors: vec![(ERROR, sum / questions.len() as f64), (WORST, worst)],
-            costs: vec![
-                (BYTES, Cost::exact(bytes as f64)),
-                (TIME, cost.times(1e9 / questions.len() as f64)),
-            ],
+            costs: vec![(BYTES, Cost::exact(bytes as f64)), (TIME, cost.times(1e9 / questions.len() as f64))],
             bytes: Some(bytes),
             chosen,
             baseline: mode != Mode::Default,

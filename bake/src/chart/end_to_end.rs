@@ -56,10 +56,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     ];
     let refinements: &[u32] = if task.quick { &[1] } else { &[1, 2, 3] };
     let tolerances: &[f64] = if task.quick { &[1e-2] } else { &[0.3, 0.1, 3e-2, 1e-2, 1e-3] };
-    progress.begin(
-        "chart end-to-end",
-        (kinds.len() * steps.len() + refinements.len() * tolerances.len()) as u64,
-    );
+    progress
+        .begin("chart end-to-end", (kinds.len() * steps.len() + refinements.len() * tolerances.len()) as u64);
     let mut points = Vec::new();
     for (series, direct, channels) in kinds {
         for &step in steps {

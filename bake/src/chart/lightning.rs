@@ -16,7 +16,8 @@ const LAMPS: &str = "lamps";
 const BYTES: &str = "response, bytes";
 const BAKE: &str = "bake, CPU s";
 
-pub const PAIRS: &[(&str, &str)] = &[(L2.name, LAMPS), (L2.name, BYTES), (MEDIAN.name, BYTES), (L2.name, BAKE)];
+pub const PAIRS: &[(&str, &str)] =
+    &[(L2.name, LAMPS), (L2.name, BYTES), (MEDIAN.name, BYTES), (L2.name, BAKE)];
 
 /// Bytes of solved rows at which finer lamps are left out.
 const MOST_BYTES: usize = 1 << 31;
@@ -33,7 +34,12 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let steps: &[f64] = if task.quick { &[2.0, 1.0] } else { &[4.0, 2.83, 2.0, 1.41, 1.0, 0.71, 0.5, 0.35] };
     let kinds = [
         ("direct light at run time", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 3 }, false),
-        ("direct light at run time, 4 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 1 }, false),
+        (
+            "direct light at run time, 4 channels",
+            DirectTerm::AtRunTime,
+            ChannelBasis::Harmonics { degree: 1 },
+            false,
+        ),
         ("paper: direct light in the rows", DirectTerm::InRows, ChannelBasis::Directions26, true),
     ];
     let count = if task.quick { 2 } else { 6 };
@@ -67,7 +73,9 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                     (BAKE, cost.times(share)),
                 ],
                 bytes: Some(outcome.bytes),
-                chosen: step == 1.0 && direct == clouds.response.direct && channels == clouds.response.channels,
+                chosen: step == 1.0
+                    && direct == clouds.response.direct
+                    && channels == clouds.response.channels,
                 baseline,
             });
         }

@@ -169,7 +169,12 @@ fn variants(quick: bool) -> Vec<Variant> {
         for &refine in refinements {
             let mut settings = base(refine, "2x8");
             settings.solve.scheme = scheme;
-            list.push((format!("scheme {name}"), format!("2x8, {name}, refinement {refine}"), settings, false));
+            list.push((
+                format!("scheme {name}"),
+                format!("2x8, {name}, refinement {refine}"),
+                settings,
+                false,
+            ));
         }
     }
     let tolerances: &[f64] = if quick { &[1e-2] } else { &[0.3, 0.1, 3e-2, 1e-2, 5e-3, 1e-3, 1e-4] };

@@ -37,15 +37,15 @@ pub fn page(how: &str, figures: &[Figure<'_>]) -> String {
 }
 
 fn table(rows: &[&Row]) -> String {
-    let mut text = format!("<details><summary>The same as a table: {} rows</summary><div><table>", rows.len());
+    let mut text =
+        format!("<details><summary>The same as a table: {} rows</summary><div><table>", rows.len());
     text.push_str("<thead><tr><th>setting</th><th>against</th><th>error</th><th></th><th>cost</th><th></th>");
     text.push_str("<th>10th to 90th percentile</th><th>marks</th></tr></thead><tbody>");
     for row in rows {
-        let marks: Vec<&str> =
-            [(row.pareto, "front"), (row.chosen, "chosen"), (row.baseline, "paper")]
-                .into_iter()
-                .filter_map(|(is, word)| is.then_some(word))
-                .collect();
+        let marks: Vec<&str> = [(row.pareto, "front"), (row.chosen, "chosen"), (row.baseline, "paper")]
+            .into_iter()
+            .filter_map(|(is, word)| is.then_some(word))
+            .collect();
         let _ = write!(
             text,
             "<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td>{} to {}</td><td>{}</td></tr>",

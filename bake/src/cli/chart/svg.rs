@@ -156,8 +156,8 @@ where
         .y_label_formatter(&|value| tick(*value))
         .draw()
         .map_err(failed)?;
-    let whole = chart.plotting_area().clone();
-    draw_front(panel, &whole)?;
+    let whole = chart.plotting_area();
+    draw_front(panel, whole)?;
     let mut names: Vec<&str> = Vec::new();
     for row in &panel.rows {
         if !names.contains(&row.series.as_str()) {
@@ -172,7 +172,7 @@ where
         let line = dots.iter().map(|row| (row.cost_median, row.error));
         whole.draw(&PathElement::new(line.collect::<Vec<_>>(), color.stroke_width(2))).map_err(failed)?;
         for row in &mine {
-            draw_point(row, color, &whole, marks)?;
+            draw_point(row, color, whole, marks)?;
         }
         // The legend stands in the margin, in pixels of the panel.
         let (_, right) = (whole.get_x_axis_pixel_range(), whole.get_x_axis_pixel_range().end);
