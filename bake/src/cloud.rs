@@ -55,22 +55,24 @@ impl Default for TruthSettings {
 /// Optical depth of a solve cell, after delta scaling and along its longest edge, that automatic refinement aims at: the
 /// reference scenes' fields and pictures then come out within a few per cent (docs/transport.md).
 const SUB_CELL_DEPTH: f64 = 0.3;
-/// Least automatic refinement: a lamp in the middle of a cell must not have its brightest light averaged over that cell.
-const LEAST_REFINEMENT: u32 = 2;
+/// Least automatic refinement, odd as all of them: a lamp in the middle of a cell then stands in the middle of a sub-cell, and not
+/// on the corner of eight, which averages its brightest light away.
+const LEAST_REFINEMENT: u32 = 3;
 /// Most automatic refinement.
-const MOST_REFINEMENT: u32 = 8;
+const MOST_REFINEMENT: u32 = 9;
 /// Most solve cells that automatic refinement makes of a grid: some 1.5 GB and a few minutes.
 const AUTOMATIC_CELLS: usize = 1 << 21;
 
-/// Refinement for a cloud that nobody chose one for: the least from 2 to 8 whose densest sub-cell is at most .3 deep after
-/// delta scaling (degree 3), or the largest below it that makes at most 2²¹ sub-cells; 1 where even 2 would make more.
+/// Refinement for a cloud that nobody chose one for: the least odd one from 3 to 9 whose densest sub-cell is at most .3 deep after
+/// delta scaling (degree 3), or the largest odd one below it that makes at most 2²¹ sub-cells; 1 where even 3 would make more.
 pub fn automatic_refinement(cloud: &Cloud) -> u32 {
     let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
     let edge = cloud.cell_m.iter().fold(0.0f64, |most, &e| most.max(e));
     let depth = f64::from(densest) * edge * cloud.scaled(3).extinction_scale;
     let wanted = (depth / SUB_CELL_DEPTH).ceil().clamp(1.0, f64::from(MOST_REFINEMENT)) as u32;
     let fits = |&refine: &u32| cloud.shape.len() * (refine * refine * refine) as usize <= AUTOMATIC_CELLS;
-    (2..=wanted.max(LEAST_REFINEMENT)).rev().find(fits).unwrap_or(1)
+    let odd = wanted.max(LEAST_REFINEMENT) | 1;
+    (LEAST_REFINEMENT..=odd).rev().step_by(2).find(fits).unwrap_or(1)
 }
 
 /// Rays for direct light, per boundary face of a solve grid and axis, where nobody chose: at least 2, and 8 to a face of the

@@ -9,7 +9,7 @@ fn main() -> ExitCode {
     match cli::run(cli::Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("squall: {error:#}");
+            eprintln!("squall: {}", cli::words(&error));
             ExitCode::from(cli::exit_code(&error))
         }
     }

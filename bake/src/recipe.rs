@@ -92,6 +92,13 @@ pub struct Rain {
 }
 
 impl Recipe {
+    /// The recipe's own file and every file that it names.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        let scene = self.clouds.iter().map(|clouds| &clouds.scene);
+        let pictures = self.rain.iter().flat_map(|rain| &rain.pictures);
+        std::iter::once(&self.file).chain(scene).chain(&self.town).chain(pictures).cloned().collect()
+    }
+
     /// Reads and checks a recipe.
     pub fn read(path: &Path) -> Result<Self, BakeError> {
         let text = read_text(path)?;

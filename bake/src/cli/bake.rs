@@ -1,4 +1,5 @@
 //! `squall bake RECIPE -o ASSET`
+use super::folder;
 use super::picture;
 use super::progress::Bars;
 use squall_bake::BakeError;
@@ -27,6 +28,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if args.preview.is_some() && recipe.view.is_none() {
         return Err(BakeError::input(&args.recipe, "view", "a table [view] to preview", "none").into());
     }
+    let inputs = recipe.inputs();
+    let outputs: Vec<&PathBuf> = std::iter::once(&args.out).chain(&args.preview).collect();
+    folder::check_apart(&outputs, inputs.iter())?;
+    for path in &outputs {
+        folder::check_parent(path)?;
+    }
+    if let Some(preview) = &args.preview {
+        picture::check_name(preview)?;
+    }
     let bars = Bars::new()?;
     let baked = storm::bake(&recipe, &bars)?;
     bars.finish();
@@ -40,6 +50,5 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut memory = FrameMemory::default();
     let report = storm.draw(view, FrameQuality::default(), &mut memory)?;
     picture::write(preview, memory.picture.as_ref(), &tone_of(&view.tone))?;
-    picture::say(preview, view, &report, start.elapsed().as_secs_f64());
-    Ok(())
+    picture::say(preview, view, &report, start.elapsed().as_secs_f64())
 }

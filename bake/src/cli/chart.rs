@@ -75,10 +75,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         env!("CARGO_PKG_VERSION")
     );
     write("index.html", &page::page(&how, &figures))?;
-    println!("{}: {how}", args.out.join("index.html").display());
+    say!("{}: {how}", args.out.join("index.html").display());
     for figure in &figures {
         let front = figure.rows.iter().filter(|row| row.pareto).count();
-        println!("{:<16} {:>5} points, {front} on the front", figure.id, figure.rows.len());
+        say!("{:<16} {:>5} points, {front} on the front", figure.id, figure.rows.len());
     }
     folder.keep();
     Ok(())

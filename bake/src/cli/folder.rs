@@ -1,6 +1,8 @@
 //! A folder for results: checked before the work, gone again if nothing comes of it.
 
 use squall_bake::BakeError;
+use std::collections::HashSet;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// A folder that exists and takes files. Folders made for it disappear with this value unless it is kept.
@@ -8,6 +10,9 @@ pub struct OutputFolder {
     path: PathBuf,
     /// Folders made here, outermost first.
     made: Vec<PathBuf>,
+    /// What lay in it before.
+    before: HashSet<OsString>,
+    kept: bool,
 }
 
 impl OutputFolder {
@@ -22,7 +27,7 @@ impl OutputFolder {
             }
             missing.push(folder.to_owned());
         }
-        let mut folder = Self { path: path.to_owned(), made: Vec::new() };
+        let mut folder = Self { path: path.to_owned(), made: Vec::new(), before: names(path), kept: false };
         for missing in missing.into_iter().rev() {
             std::fs::create_dir(&missing).map_err(refused(&missing, "make the folder"))?;
             folder.made.push(missing);
@@ -36,18 +41,63 @@ impl OutputFolder {
         &self.path
     }
 
-    /// Leaves the folder where it is.
+    /// Leaves the folder and everything in it.
     pub fn keep(mut self) {
-        self.made.clear();
+        self.kept = true;
     }
 }
 
 impl Drop for OutputFolder {
     fn drop(&mut self) {
+        if self.kept {
+            return;
+        }
+        // Half a set of results is nothing: files that came since go, then the folders made for them.
+        for name in names(&self.path).difference(&self.before) {
+            let _ = std::fs::remove_file(self.path.join(name));
+        }
         for folder in self.made.iter().rev() {
-            // A folder that got files after all stays, and what is above it.
             let _ = std::fs::remove_dir(folder);
         }
+    }
+}
+
+fn names(folder: &Path) -> HashSet<OsString> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    entries.filter_map(|entry| Some(entry.ok()?.file_name())).collect()
+}
+
+/// Refuses outputs that would replace an input or each other.
+pub fn check_apart<'a>(
+    outputs: &[&PathBuf],
+    inputs: impl Iterator<Item = &'a PathBuf>,
+) -> Result<(), BakeError> {
+    let inputs: Vec<PathBuf> = inputs.map(|path| same_place(path)).collect();
+    for (at, output) in outputs.iter().enumerate() {
+        let place = same_place(output);
+        // A device takes what is written and replaces nothing.
+        if place.exists() && !place.is_file() {
+            continue;
+        }
+        if inputs.contains(&place) {
+            return Err(BakeError::input(output, "output", "a file that is not read", "one of the inputs"));
+        }
+        if outputs[..at].iter().any(|other| same_place(other) == place) {
+            return Err(BakeError::input(output, "output", "a file of its own", "another output"));
+        }
+    }
+    Ok(())
+}
+
+/// A path by which two names of one file are the same; the file need not be there.
+fn same_place(path: &Path) -> PathBuf {
+    if let Ok(path) = path.canonicalize() {
+        return path;
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match (folder.canonicalize(), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_owned(),
     }
 }
 

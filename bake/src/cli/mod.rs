@@ -1,5 +1,10 @@
 //! One file per subcommand; no mathematics in any of them.
 
+/// Prints a line to standard output; a reader that has heard enough is no error, a full disk is.
+macro_rules! say {
+    ($($part:tt)*) => { $crate::cli::table::print(&format!("{}\n", format_args!($($part)*)))? };
+}
+
 mod bake;
 mod chart;
 mod diff;
@@ -61,6 +66,18 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Streaks(command) => streaks::run(command),
         Command::Synth(command) => synth::run(command),
     }
+}
+
+/// An error in words, with causes that it does not tell already.
+pub fn words(failure: &anyhow::Error) -> String {
+    let mut text = failure.to_string();
+    for cause in failure.chain().skip(1) {
+        let cause = cause.to_string();
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 /// Exit code of an error: the innermost one that knows its own, else 3 (bad input).

@@ -31,11 +31,12 @@ pub fn write(path: &Path, picture: Option<&Picture>, tone: &Tone) -> anyhow::Res
 }
 
 /// Says what was drawn.
-pub fn say(path: &Path, view: &ViewSection, report: &FrameReport, seconds: f64) {
+pub fn say(path: &Path, view: &ViewSection, report: &FrameReport, seconds: f64) -> anyhow::Result<()> {
     let [width, height] = view.camera.size_px;
     let FrameReport { lamps, sources, streaks } = report;
     let light = format!("{lamps} points of lightning on {sources} baked sources");
-    println!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", path.display());
+    say!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", path.display());
+    Ok(())
 }
 
 /// Several pictures of one size in one, each half as large again as nothing is between them.

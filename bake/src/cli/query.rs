@@ -101,19 +101,19 @@ fn run_density(path: &std::path::Path, args: &Density) -> Result<()> {
         if let Some(direct) = direct_total {
             answer["direct"] = json!(direct);
         }
-        println!("{answer}");
+        say!("{answer}");
         return Ok(());
     }
-    println!("{:>17}  {:>12}{}", "diameter, mm", "streaks", if args.direct { "      formula" } else { "" });
-    let line = |name: String, count: f64, direct: Option<f64>| {
+    say!("{:>17}  {:>12}{}", "diameter, mm", "streaks", if args.direct { "      formula" } else { "" });
+    let line = |name: String, count: f64, direct: Option<f64>| -> anyhow::Result<()> {
         let direct = direct.map_or(String::new(), |direct| format!(" {direct:>12.4}"));
-        println!("{name:>17}  {count:>12.4}{direct}");
+        say!("{name:>17}  {count:>12.4}{direct}");
+        Ok(())
     };
     for (i, [from, to]) in edges.iter().enumerate() {
-        line(format!("{:.3} – {:.3}", from.0, to.0), counts[i], direct.as_ref().map(|counts| counts[i]));
+        line(format!("{:.3} – {:.3}", from.0, to.0), counts[i], direct.as_ref().map(|counts| counts[i]))?;
     }
-    line("all".into(), total, direct_total);
-    Ok(())
+    line("all".into(), total, direct_total)
 }
 
 fn parse_mode(text: &str) -> Result<Mode, String> {

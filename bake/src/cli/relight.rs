@@ -82,7 +82,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
     picture::write(&args.out, Some(&shown), &tone)?;
-    println!(
+    say!(
         "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
         args.out.display(),
         report.lamps,
@@ -107,7 +107,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&summary)? + "\n";
         write_atomically(&folder.path().join("relight.json"), |out| out.write_all(text.as_bytes()))?;
         files.push("relight.json".into());
-        println!("{}: {}", folder.path().display(), files.join(" "));
+        say!("{}: {}", folder.path().display(), files.join(" "));
         folder.keep();
     }
     Ok(())

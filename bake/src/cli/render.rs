@@ -1,4 +1,5 @@
 //! `squall render ASSET -o PICTURE`
+use super::folder;
 use super::picture::{self, Sheet};
 use squall_bake::BakeError;
 use squall_bake::recipe::read_view;
@@ -19,7 +20,7 @@ pub struct Args {
     #[arg(long)]
     scene: Option<PathBuf>,
     /// Rainfall intensity, mm/h.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Name of a stroke that flashes, once for each; "none" for a dark picture.
     #[arg(long = "flash")]
@@ -31,7 +32,7 @@ pub struct Args {
     #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
     size: Option<Vec<u32>>,
     /// Stops to brighten (or, negative, darken) a .png by.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = stops)]
     stops: f32,
     /// Samples along each side of a pixel of the town.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
@@ -41,11 +42,20 @@ pub struct Args {
     contact_sheet: bool,
 }
 
+fn stops(text: &str) -> Result<f32, String> {
+    let wanted = "wanted a number from -64 to 64";
+    let value: f32 = text.parse().map_err(|_| wanted.to_owned())?;
+    if value.abs() <= 64.0 { Ok(value) } else { Err(wanted.into()) }
+}
+
 /// Rainfall intensities of a contact sheet, mm/h.
 const SHEET_RATES: [f64; 4] = [0.0, 2.0, 25.0, 75.0];
 
 pub fn run(args: Args) -> anyhow::Result<()> {
     let start = std::time::Instant::now();
+    picture::check_name(&args.out)?;
+    folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene))?;
+    folder::check_parent(&args.out)?;
     let asset = Asset::open(&args.asset)?;
     let storm = Storm::new(&asset)?;
     let view = view_of(&args, &storm)?;
@@ -67,13 +77,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             }
         }
         sheet.write(&args.out, &tone)?;
-        println!("{}: 8 pictures, {:.2} s", args.out.display(), start.elapsed().as_secs_f64());
+        say!("{}: 8 pictures, {:.2} s", args.out.display(), start.elapsed().as_secs_f64());
         return Ok(());
     }
     let report = storm.draw(&view, quality, &mut memory)?;
     picture::write(&args.out, memory.picture.as_ref(), &tone)?;
-    picture::say(&args.out, &view, &report, start.elapsed().as_secs_f64());
-    Ok(())
+    picture::say(&args.out, &view, &report, start.elapsed().as_secs_f64())
 }
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.

@@ -116,8 +116,8 @@ pub fn run(args: Args) -> Result<()> {
     let text = serde_json::to_string_pretty(&summary)? + "\n";
     write_atomically(&folder.path().join("solve.json"), |out| out.write_all(text.as_bytes()))?;
     files.push("solve.json".into());
-    println!("{lines}; {seconds:.1} s");
-    println!("{}: {}", args.out.display(), files.join(" "));
+    say!("{lines}; {seconds:.1} s");
+    say!("{}: {}", args.out.display(), files.join(" "));
     folder.keep();
     Ok(())
 }

@@ -22,7 +22,7 @@ pub struct Fit {
     #[arg(long, default_value = "edges", value_parser = method)]
     method: Method,
     /// Oscillating terms per pattern; the constant and the window come on top.
-    #[arg(long, default_value_t = 6)]
+    #[arg(long, default_value_t = 6, value_parser = cosines)]
     cosines: usize,
     /// Print one JSON list instead of a table.
     #[arg(long)]
@@ -35,6 +35,11 @@ pub struct Fit {
 fn method(name: &str) -> Result<Method, String> {
     let known = || Method::ALL.map(Method::name).join(", ");
     Method::from_name(name).ok_or_else(|| format!("wanted one of {}", known()))
+}
+
+fn cosines(text: &str) -> Result<usize, String> {
+    let wanted = "wanted a whole number from 0 to 64";
+    text.parse().ok().filter(|count| *count <= 64).ok_or_else(|| wanted.to_owned())
 }
 
 /// Runs the chosen subcommand.
@@ -72,12 +77,12 @@ fn fit(args: &Fit) -> anyhow::Result<()> {
                 })
             })
             .collect();
-        println!("{}", serde_json::to_string_pretty(&rows)?);
+        say!("{}", serde_json::to_string_pretty(&rows)?);
         return Ok(());
     }
-    println!("{:>9}  {:>5}  {:>7}  {:>6}  {:>5}  picture", "method", "terms", "PSNR dB", "SSIM", "bytes");
+    say!("{:>9}  {:>5}  {:>7}  {:>6}  {:>5}  picture", "method", "terms", "PSNR dB", "SSIM", "bytes");
     for (source, pattern) in lines {
-        println!(
+        say!(
             "{:>9}  {:>5}  {:>7.2}  {:>6.3}  {:>5}  {}",
             pattern.method.name(),
             pattern.pattern.terms(),

@@ -133,25 +133,27 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
             };
             let cloud = synth_cloud(kind, arguments.seed, arguments.cells)?.centred_on(arguments.centre);
             let scene = cloud.write(&arguments.out)?;
-            println!("{}", scene.display());
+            say!("{}", scene.display());
         }
         Synth::Town(arguments) => {
             let note = format!("squall synth town --seed {}", arguments.seed);
             let text = input::town::town_json(&synth_town(arguments.seed), &note);
             output::write_atomically(&arguments.out, |out| out.write_all(text.as_bytes()))?;
-            println!("{}", arguments.out.display());
+            say!("{}", arguments.out.display());
         }
         Synth::Stroke(arguments) => {
             let StrokeArgs { out, seed, from, to, intensity, spacing } = arguments;
             let text = stroke_json(seed, [from, to], intensity, spacing)?;
             output::write_atomically(&out, |file| file.write_all(text.as_bytes()))?;
-            println!("{}", out.display());
+            say!("{}", out.display());
         }
         Synth::Streaks(arguments) => {
             let bars = Bars::new()?;
             let files = write_streaks(&arguments.out, arguments.seed, arguments.count, &bars)?;
             bars.finish();
-            files.iter().for_each(|file| println!("{}", file.display()));
+            for file in &files {
+                say!("{}", file.display());
+            }
         }
     }
     Ok(())

@@ -147,8 +147,8 @@ pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
             .or(file.kappa_per_m)
             .ok_or_else(|| bad("kappa_per_m", "extinction of density 1, 1/m", &"nothing"))?
     };
-    if !(kappa.is_finite() && kappa >= 0.0) {
-        return Err(bad("kappa_per_m", "finite and not negative, 1/m", &kappa));
+    if !(0.0..=MOST_KAPPA).contains(&kappa) {
+        return Err(bad("kappa_per_m", "0 to 100, 1/m", &kappa));
     }
     let boundary = match file.boundary.as_deref() {
         None | Some("open") => Boundary::Open,
@@ -160,6 +160,12 @@ pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
     let grid_path = beside(path, grid_file);
     let extinction: Vec<f32> =
         read_grid(&grid_path, count)?.into_iter().map(|rho| (f64::from(rho) * kappa) as f32).collect();
+    let longest = cell_m.iter().fold(0.0f64, |most, &edge| most.max(edge));
+    let densest = extinction.iter().fold(0.0f32, |most, &value| most.max(value));
+    if f64::from(densest) * longest > MOST_DEPTH {
+        let found = format!("{:.3e}", f64::from(densest) * longest);
+        return Err(bad("extinction", "cells of optical depth up to 10000", &found));
+    }
     let cloud = Cloud { shape, cell_m, origin_m: DVec3::from_array(origin), extinction, albedo, g, boundary };
     let cloud = cloud.checked().map_err(|error| named(path, error))?;
     let mut lights = Vec::new();
@@ -197,6 +203,11 @@ fn check_names<'a>(
     }
     Ok(())
 }
+
+/// Extinction of density 1 beyond which a unit was mistaken, 1/m.
+const MOST_KAPPA: f64 = 100.0;
+/// Optical depth of one cell beyond which nothing inside it can be told apart, and solving takes for ever.
+const MOST_DEPTH: f64 = 1e4;
 
 /// More cells than this are refused before memory is taken.
 const MAX_CELLS: usize = 1 << 28;

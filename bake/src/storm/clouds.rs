@@ -73,6 +73,12 @@ pub(super) fn bake_clouds(
         stages.push(start.done("cloud response", made, section.length(), error));
         sections.push(section);
 
+        if baked.tests.is_empty() {
+            let words = "asked for no test strokes".to_owned();
+            stages.push(Stage(Instant::now()).done("verification", words, 0, "not measured".into()));
+            report_solver(&baked, &choice, provenance);
+            return Ok(());
+        }
         let start = Stage(Instant::now());
         progress.begin("verification", baked.tests.len() as u64);
         let verdict = verify(sections, &baked)?;
@@ -84,7 +90,7 @@ pub(super) fn bake_clouds(
         );
         stages.push(start.done("verification", format!("{} unseen strokes", baked.tests.len()), 0, error));
         let over = clouds.budget.over(&verdict);
-        if over <= 1.0 || baked.tests.is_empty() {
+        if over <= 1.0 {
             report(verdict, &baked, clouds, &choice, provenance);
             return Ok(());
         }
@@ -253,12 +259,24 @@ fn report(
     let metric = "stroke L2 over 26 directions, against the stroke solved directly";
     add("lightning grid", metric, budget.stroke_l2, verdict.stroke.l2, &grid, budget.stroke_l2.is_some());
     add("lightning grid", "median pointwise stroke error", None, verdict.stroke.median, &grid, false);
+    report_solver(baked, choice, provenance);
+}
+
+fn report_solver(baked: &BakedResponse, choice: &Choice, provenance: &mut ProvenanceSection) {
     let record = &baked.head.solver;
     let solver = format!(
         "refinement {}, directions {:?}, {:?}",
         choice.settings.refine, record.directions, record.scheme
     );
-    add("transport", "largest residual", Some(record.tolerance), record.worst_residual, &solver, false);
+    provenance.budgets.push(BudgetRecord {
+        part: "transport".into(),
+        metric: "largest residual".into(),
+        asked: Some(record.tolerance),
+        got: record.worst_residual,
+        chosen: solver,
+        next_better: None,
+        next_cheaper: None,
+    });
     if let Some(chosen) = &choice.solver {
         provenance.budgets.push(chosen.clone());
     }

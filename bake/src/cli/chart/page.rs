@@ -26,7 +26,7 @@ pub fn page(how: &str, figures: &[Figure<'_>]) -> String {
         let _ = write!(links, "<a href=\"#{0}\">{0}</a> ", chart.id);
         let _ = write!(
             body,
-            "<section id=\"{}\"><h2>{}</h2><figure>{}</figure>{}</section>\n",
+            "<section id=\"{}\"><h2 class=\"unseen\">{}</h2><figure>{}</figure>{}</section>\n",
             chart.id,
             escaped(chart.question),
             chart.picture,

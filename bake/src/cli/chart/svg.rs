@@ -2,6 +2,7 @@
 //!
 //! Light and dark are left to style sheets: what is drawn in [`INK`] and [`PAPER`] follows the reader's scheme.
 
+use plotters::coord::combinators::BindKeyPoints;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::coord::{Shift, cartesian::Cartesian2d};
 use plotters::prelude::*;
@@ -16,6 +17,8 @@ const HEAD: u32 = 46;
 const MARGIN: u32 = 14;
 /// Right of the plot, for the names of the series.
 const LEGEND: u32 = 250;
+/// A panel with more of the papers' points than this leaves their names to the pointer.
+const MOST_LABELS: usize = 4;
 const INK: RGBColor = RGBColor(32, 32, 36);
 const GRID: RGBColor = RGBColor(205, 205, 210);
 /// Okabe and Ito's colours, told apart by those who confuse red and green; then darker ones for long lists.
@@ -115,12 +118,28 @@ fn draw_panel(panel: &Panel<'_>, area: &Area<'_>, marks: &mut String) -> anyhow:
     let errors_rise = Metric::logarithmic(panel.error);
     let (x0, x1) = ends(panel.rows.iter().flat_map(|row| [row.cost_p10, row.cost_p90]), costs_rise);
     let (y0, y1) = ends(panel.rows.iter().map(|row| row.error), errors_rise);
+    let rising = |low: f64, high: f64| (low..high).log_scale().with_key_points(ticks(low, high));
     match (costs_rise, errors_rise) {
-        (true, true) => plot(panel, area, (x0..x1).log_scale(), (y0..y1).log_scale(), marks),
-        (true, false) => plot(panel, area, (x0..x1).log_scale(), y0..y1, marks),
-        (false, true) => plot(panel, area, x0..x1, (y0..y1).log_scale(), marks),
+        (true, true) => plot(panel, area, rising(x0, x1), rising(y0, y1), marks),
+        (true, false) => plot(panel, area, rising(x0, x1), y0..y1, marks),
+        (false, true) => plot(panel, area, x0..x1, rising(y0, y1), marks),
         (false, false) => plot(panel, area, x0..x1, y0..y1, marks),
     }
+}
+
+/// Round numbers on a logarithmic axis: powers of ten, and 2 and 5 times those where there are few.
+fn ticks(low: f64, high: f64) -> Vec<f64> {
+    let decades = libm::log10(high / low);
+    let steps: &[f64] = match decades {
+        d if d > 3.0 => &[1.0],
+        d if d > 1.3 => &[1.0, 2.0, 5.0],
+        _ => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0],
+    };
+    let first = libm::floor(libm::log10(low)) as i32;
+    let last = libm::ceil(libm::log10(high)) as i32;
+    let power = |exponent: i32| libm::pow(10.0, f64::from(exponent));
+    let all = (first..=last).flat_map(|exponent| steps.iter().map(move |step| step * power(exponent)));
+    all.filter(|tick| (low..=high).contains(tick)).collect()
 }
 
 fn plot<X, Y>(panel: &Panel<'_>, area: &Area<'_>, x: X, y: Y, marks: &mut String) -> anyhow::Result<()>
@@ -164,6 +183,7 @@ where
             names.push(&row.series);
         }
     }
+    let few = panel.rows.iter().filter(|row| row.baseline && row.error.is_finite()).count() <= MOST_LABELS;
     for (index, name) in names.iter().enumerate() {
         let color = COLORS[index % COLORS.len()];
         let mut mine: Vec<&Row> = panel.rows.iter().filter(|row| row.series == *name).copied().collect();
@@ -173,6 +193,9 @@ where
         whole.draw(&PathElement::new(line.collect::<Vec<_>>(), color.stroke_width(2))).map_err(failed)?;
         for row in &mine {
             draw_point(row, color, whole, marks)?;
+            if row.baseline && few && row.error.is_finite() {
+                name_point(&row.setting, (row.cost_median, row.error), whole)?;
+            }
         }
         // The legend stands in the margin, in pixels of the panel.
         let (_, right) = (whole.get_x_axis_pixel_range(), whole.get_x_axis_pixel_range().end);
@@ -240,13 +263,13 @@ where
     area.draw(&Circle::new(at, 4, style)).map_err(failed)?;
     if row.chosen {
         area.draw(&Circle::new(at, 9, INK.stroke_width(2))).map_err(failed)?;
-        label("chosen", at, area)?;
+        name_point("chosen", at, area)?;
     }
     mark(marks, row, area.map_coordinate(&at));
     Ok(())
 }
 
-fn label<X, Y>(text: &str, at: (f64, f64), area: &Plot<'_, X, Y>) -> anyhow::Result<()>
+fn name_point<X, Y>(text: &str, at: (f64, f64), area: &Plot<'_, X, Y>) -> anyhow::Result<()>
 where
     X: Ranged<ValueType = f64>,
     Y: Ranged<ValueType = f64>,
