@@ -7,6 +7,7 @@
 
 pub mod judge;
 pub mod lamps;
+pub mod unseen;
 
 use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
@@ -29,6 +30,8 @@ use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::{
     BatchReport, GATHERED, Solvable, SolveBuffers, SolveSettings, Solver,
 };
+use std::sync::Arc;
+use unseen::Unseen;
 
 /// Lamps solved side by side.
 pub const BATCH: usize = 16;
@@ -46,6 +49,8 @@ pub struct ResponseSettings {
     pub codec: Codec,
     /// How far a source may be off, relative to its own L2 norm.
     pub relative_error: f64,
+    /// Leave out the light of cells that no ray shades with: [`unseen`].
+    pub seen_only: bool,
     /// Solve cells per stored cell and axis.
     pub refine: u32,
     /// Direct rays per boundary face of the solve grid and axis.
@@ -88,6 +93,8 @@ pub struct TestStroke {
     pub direct: Vec<f32>,
     /// Σ e_l b_l from the solved rows before compression, in the response's channels, one plane a channel.
     pub uncompressed: Vec<f32>,
+    /// Which cells are judged; all where empty.
+    pub seen: Arc<[bool]>,
 }
 
 struct Batch<R> {
@@ -197,6 +204,7 @@ fn solve_each_row<R: Send>(
         solver: &solver,
         parent,
         haar: Haar::new(cloud.shape),
+        unseen: if settings.seen_only { Unseen::new(cloud) } else { None },
         directions: sphere::directions_26().map(DVec3::from_array),
     };
     let grid = &sources.lamps;
@@ -334,6 +342,7 @@ struct Context<'a> {
     solver: &'a Solver<4>,
     parent: CoarseIndex,
     haar: Haar,
+    unseen: Option<Unseen>,
     directions: [DVec3; 26],
 }
 
@@ -453,6 +462,9 @@ impl Context<'_> {
         let mut rows = Vec::with_capacity(lanes.len());
         for lane in 0..lanes.len() {
             let mut planes = self.channels(lane, in_rows, work);
+            if let Some(unseen) = &self.unseen {
+                planes.chunks_exact_mut(self.haar.len()).for_each(|plane| unseen.fill(plane));
+            }
             let kept = needed(lane).then(|| planes.clone());
             for plane in planes.chunks_exact_mut(self.haar.len()) {
                 self.haar.forward(plane, &mut work.scratch);
@@ -467,6 +479,7 @@ impl Context<'_> {
         strokes: &[Vec<LampPoint>],
         progress: &dyn Progress,
     ) -> Result<Vec<TestStroke>, BakeError> {
+        let seen: Arc<[bool]> = self.unseen.as_ref().map_or_else(Default::default, |u| u.seen().into());
         // One stroke a task: tracing its many points is most of the work.
         let solved: Vec<Result<TestStroke, BakeError>> = strokes
             .par_iter()
@@ -482,7 +495,8 @@ impl Context<'_> {
                 }
                 progress.advance(1);
                 let direct = if self.in_rows() { vec![0.0; direct.len()] } else { direct };
-                Ok(TestStroke { lamps: lamps.clone(), truth, direct, uncompressed: Vec::new() })
+                let seen = seen.clone();
+                Ok(TestStroke { lamps: lamps.clone(), truth, direct, uncompressed: Vec::new(), seen })
             })
             .collect();
         solved.into_iter().collect()

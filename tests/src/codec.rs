@@ -8,6 +8,7 @@ use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
 use squall_bake::response::{BakedResponse, LampGrid, ResponseSettings, Sources, bake_response};
 use squall_bake::storm;
+use squall_bake::trial::asset_of;
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::haar::Haar;
@@ -81,6 +82,7 @@ fn settings(case: Case) -> ResponseSettings {
         direct: case.direct,
         codec: case.codec,
         relative_error: case.error,
+        seen_only: false,
         refine: 1,
         samples: 1,
         solve: SolveSettings { quadrature, tolerance: 1e-2, ..SolveSettings::default() },
@@ -322,4 +324,41 @@ fn one_two_and_eight_threads_and_every_simd_level_bake_the_same_bytes() {
         assert!(golden_bytes(threads, SimdLevel::Best) == wanted, "{threads} threads");
     }
     assert!(golden_bytes(1, SimdLevel::Avx2) == wanted, "AVX2");
+}
+
+#[test]
+fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fewer_bytes() {
+    // All density in one corner: most of the grid is far from any.
+    let mut cloud = cloud();
+    for index in 0..cloud.shape.len() {
+        if cloud.shape.cell(index).iter().any(|&at| at > 2) {
+            cloud.extinction[index] = 0.0;
+        }
+    }
+    let case = Case { codec: Codec::Bytes, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.0 };
+    let strokes = strokes();
+    let bake = |seen_only: bool, error: f64| {
+        let settings = ResponseSettings { seen_only, relative_error: error, ..settings(case) };
+        asset_of(&cloud, bake_response(&cloud, &sources(), &settings, &strokes, &Quiet).unwrap()).unwrap()
+    };
+    let [(all, _), (seen, _)] = [bake(false, 0.0), bake(true, 0.0)];
+    let [all, seen] = [&all, &seen].map(|asset| Relighter::new(asset).unwrap());
+    let (mut a, mut b) = (RelightBuffers::default(), RelightBuffers::default());
+    for lamps in &strokes {
+        let [all, seen] = [
+            all.relight(lamps, RelightOptions::default(), &mut a).unwrap(),
+            seen.relight(lamps, RelightOptions::default(), &mut b).unwrap(),
+        ];
+        let size = norm(all.planes.iter().map(|&v| f64::from(v)));
+        let shape = cloud.shape;
+        for (plane, (x, y)) in all.planes.chunks(all.cells).zip(seen.planes.chunks(all.cells)).enumerate() {
+            for cell in (0..all.cells).filter(|&cell| shape.cell(cell).iter().all(|&at| at < 4)) {
+                let off = f64::from(x[cell] - y[cell]).abs();
+                assert!(off <= ROUND_OFF * size, "plane {plane}, cell {cell}: {off} of {size}");
+            }
+        }
+    }
+    let [(_, all), (_, seen)] = [bake(false, 0.01), bake(true, 0.01)];
+    println!("{all} bytes with all cells, {seen} with those seen");
+    assert!(10 * seen < 7 * all, "{seen} of {all}");
 }

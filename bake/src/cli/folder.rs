@@ -103,10 +103,17 @@ fn same_place(path: &Path) -> PathBuf {
 
 /// Checks before the work that a file can be put where `path` says.
 ///
-/// Errors (exit code 4): no such folder, no permission, no space.
+/// Errors: a folder there, no folder above it (exit code 3), no permission, no space (4).
 pub fn check_parent(path: &Path) -> Result<(), BakeError> {
+    if path.is_dir() {
+        return Err(BakeError::input(path, "output", "a file name", "a folder"));
+    }
+    // A device or a pipe is written to as it is.
+    if path.exists() && !path.is_file() {
+        return Ok(());
+    }
     let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::tempfile_in(parent).map_err(refused(parent, "write into the folder"))?;
+    tempfile::tempfile_in(parent).map_err(BakeError::io(path, "write"))?;
     Ok(())
 }
 

@@ -22,7 +22,7 @@ pub struct Fit {
     #[arg(long, default_value = "edges", value_parser = method)]
     method: Method,
     /// Oscillating terms per pattern; the constant and the window come on top.
-    #[arg(long, default_value_t = 6, value_parser = cosines)]
+    #[arg(long, default_value_t = 6)]
     cosines: usize,
     /// Print one JSON list instead of a table.
     #[arg(long)]
@@ -35,11 +35,6 @@ pub struct Fit {
 fn method(name: &str) -> Result<Method, String> {
     let known = || Method::ALL.map(Method::name).join(", ");
     Method::from_name(name).ok_or_else(|| format!("wanted one of {}", known()))
-}
-
-fn cosines(text: &str) -> Result<usize, String> {
-    let wanted = "wanted a whole number from 0 to 64";
-    text.parse().ok().filter(|count| *count <= 64).ok_or_else(|| wanted.to_owned())
 }
 
 /// Runs the chosen subcommand.

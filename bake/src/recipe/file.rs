@@ -112,6 +112,7 @@ struct ResponseFile {
     distant: Option<Vec<DistantName>>,
     sun_direction: Option<Spanned<[f64; 3]>>,
     test_strokes: Option<Number>,
+    seen_only: Option<bool>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -449,6 +450,7 @@ impl CloudsFile {
                 [0.0, 0.9],
                 "of a lamp's light",
             )?,
+            seen_only: response.seen_only.unwrap_or(false),
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
             solve,

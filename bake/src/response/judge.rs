@@ -58,13 +58,21 @@ pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Verdict,
 fn judge_one(relighter: &Relighter<'_>, test: &TestStroke) -> Result<Verdict, BakeError> {
     let mut buffers = RelightBuffers::default();
     let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers)?;
-    let mut shown = spread(&relit);
-    let unpacked = spread(&Relit { planes: &test.uncompressed, ..relit });
+    let mut shown = seen(test, spread(&relit));
+    let unpacked = seen(test, spread(&Relit { planes: &test.uncompressed, ..relit }));
     let codec = compare(&shown, &unpacked);
-    for (value, direct) in shown.iter_mut().zip(&test.direct) {
+    for (value, direct) in shown.iter_mut().zip(&seen(test, test.direct.clone())) {
         *value += direct;
     }
-    Ok(Verdict { codec, stroke: compare(&shown, &test.truth) })
+    Ok(Verdict { codec, stroke: compare(&shown, &seen(test, test.truth.clone())) })
+}
+
+/// 26 values a cell, with nothing in cells that are not judged.
+fn seen(test: &TestStroke, mut values: Vec<f32>) -> Vec<f32> {
+    for (cell, _) in test.seen.iter().enumerate().filter(|(_, seen)| !**seen) {
+        values[26 * cell..26 * (cell + 1)].fill(0.0);
+    }
+    values
 }
 
 /// Channels to values in the 26 directions, 26 a cell.
