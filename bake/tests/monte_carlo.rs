@@ -58,7 +58,7 @@ fn options_of_the_other_method_and_counts_out_of_range_are_bad_usage() {
     refused(&["--seed", "2"], "--seed does not go");
     refused(&[&chance[..], &["--samples", "99"]].concat(), "--samples");
     refused(&[&chance[..], &["--samples", "100000000001"]].concat(), "--samples");
-    refused(&[&chance[..], &["--seed", "-1"]].concat(), "--seed");
+    refused(&[&chance[..], &["--seed=-1"]].concat(), "--seed");
 }
 
 #[test]

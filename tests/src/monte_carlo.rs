@@ -387,8 +387,8 @@ fn bytes_depend_on_the_seed_and_not_on_the_number_of_threads() {
     for (a, b) in pairs {
         assert!(a != b);
         let (chi, count) = chi_square(a, &b.mean, b.error.as_ref().unwrap(), 0.3);
-        // Over some 20 to 120 values that move together.
-        assert!(count >= 20 && (0.5..2.0).contains(&chi), "χ² {chi} over {count}");
+        // Over 19 to 120 values that move together: the eye's picture shows the cloud in 19 of its pixels.
+        assert!(count >= 19 && (0.5..2.0).contains(&chi), "χ² {chi} over {count}");
     }
 }
 

@@ -318,7 +318,7 @@ mod tests {
             let (wanted, mut passed) = (random.range(0.0, 30.0), 0.0);
             let left = grid.walk(&mut place, direction, |_, length, _| {
                 passed += length;
-                (passed > wanted).then(|| length - (passed - wanted))
+                (passed > wanted).then_some(length - (passed - wanted))
             });
             if left.is_none() {
                 let offset = grid.point(&place) - (start + direction * wanted);
