@@ -127,7 +127,8 @@ pub fn bake_response(
     let count = settings.channels.count();
     let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
     let (mut rows, mut kept) = (ResponseRows::default(), 0);
-    let solved = solve_each_row(cloud, sources, settings, strokes, progress, &code, &mut |row| {
+    let tests = (strokes, None);
+    let solved = solve_each_row(cloud, sources, settings, tests, progress, &code, &mut |row| {
         kept += row.kept;
         rows.bounds.extend_from_slice(&row.bounds);
         rows.rows.push(row.bytes);
@@ -137,17 +138,22 @@ pub fn bake_response(
 }
 
 /// [`bake_response`] up to where rows are coded. Takes four bytes a cell, channel and row.
+///
+/// `known` are `strokes` with their truth where an earlier call solved them: it depends on the cloud and on how light is solved,
+/// not on lamps, channels or coding.
 pub fn solve_rows(
     cloud: &Cloud,
     sources: &Sources,
     settings: &ResponseSettings,
     strokes: &[Vec<LampPoint>],
+    known: Option<&[TestStroke]>,
     progress: &dyn Progress,
 ) -> Result<SolvedRows, BakeError> {
     let mut planes = Vec::new();
     let keep = |planes: Vec<f32>| planes;
+    let tests = (strokes, known);
     let solved =
-        solve_each_row(cloud, sources, settings, strokes, progress, &keep, &mut |row| planes.push(row))?;
+        solve_each_row(cloud, sources, settings, tests, progress, &keep, &mut |row| planes.push(row))?;
     let (head, tests, sweeps) = solved;
     Ok(SolvedRows { head, planes, tests, sweeps })
 }
@@ -188,7 +194,7 @@ fn solve_each_row<R: Send>(
     cloud: &Cloud,
     sources: &Sources,
     settings: &ResponseSettings,
-    strokes: &[Vec<LampPoint>],
+    (strokes, known): (&[Vec<LampPoint>], Option<&[TestStroke]>),
     progress: &dyn Progress,
     finish: &(dyn Fn(Vec<f32>) -> R + Sync),
     take: &mut dyn FnMut(R),
@@ -241,8 +247,13 @@ fn solve_each_row<R: Send>(
     };
     let weights: Vec<Vec<(u32, f32)>> = strokes.iter().map(|lamps| split_stroke(&head, lamps)).collect();
 
-    progress.begin("test strokes", strokes.len() as u64);
-    let mut tests = context.solve_strokes(strokes, progress)?;
+    let mut tests = match known {
+        Some(known) => known.to_vec(),
+        None => {
+            progress.begin("test strokes", strokes.len() as u64);
+            context.solve_strokes(strokes, progress)?
+        }
+    };
 
     // Lamps first, then distant light, in batches of their own: only the latter always keep their direct light.
     let lamp = |&node: &usize| vec![Light::Point { position: grid.position(node), intensity: 1.0 }];

@@ -6,7 +6,9 @@ use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::recipe::Recipe;
 use crate::response::judge::{Verdict, judge};
-use crate::response::{BakedResponse, LampGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
+use crate::response::{
+    BakedResponse, LampGrid, ResponseSettings, SolvedRows, Sources, TestStroke, solve_rows,
+};
 use crate::storm::clouds::{place_lamps, strokes_for};
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::cloud::{CloudHead, CloudSection};
@@ -66,7 +68,7 @@ pub struct Outcome {
 }
 
 impl<'a> Trial<'a> {
-    /// Solves the rows of `lamps` that `strokes` touch.
+    /// Solves the rows of `lamps` that `strokes` touch; `known` as in [`solve_rows`].
     ///
     /// Errors: as [`solve_rows`].
     pub fn new(
@@ -75,12 +77,13 @@ impl<'a> Trial<'a> {
         distant: usize,
         settings: &ResponseSettings,
         strokes: &[Vec<LampPoint>],
+        known: Option<&[TestStroke]>,
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let touched = touched(lamps, strokes);
         let wanted = if lamps.wanted.is_empty() { lamps.len() } else { count(&lamps.wanted) };
         let sources = Sources { lamps: LampGrid { wanted: touched, ..lamps.clone() }, distant: Vec::new() };
-        let solved = solve_rows(cloud, &sources, settings, strokes, progress)?;
+        let solved = solve_rows(cloud, &sources, settings, strokes, known, progress)?;
         Ok(Self { cloud, solved, lamps: wanted, distant })
     }
 
@@ -106,6 +109,11 @@ impl<'a> Trial<'a> {
         cloud: &Cloud,
     ) -> usize {
         count(&touched(lamps, strokes)) * channels.count() * cloud.shape.len() * size_of::<f32>()
+    }
+
+    /// The strokes with their truth.
+    pub fn tests(&self) -> Vec<TestStroke> {
+        self.solved.tests.iter().map(|test| TestStroke { uncompressed: Vec::new(), ..test.clone() }).collect()
     }
 
     /// Rows that were solved.

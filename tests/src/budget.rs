@@ -38,7 +38,7 @@ fn recipe(folder: &Path, lines: &str) -> Recipe {
 }
 
 fn budget(asked: f64) -> String {
-    format!("[clouds.response]\ntest_strokes = 12\n\n[clouds.budget]\nstroke_l2 = {asked}\n")
+    format!("[clouds.response]\ntest_strokes = 32\n\n[clouds.budget]\nstroke_l2 = {asked}\n")
 }
 
 fn bytes(sections: &[OutSection]) -> Vec<u8> {
@@ -100,7 +100,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
             ..clouds.response
         };
         let sources = Sources { lamps, distant: Vec::new() };
-        let solved = solve_rows(&scene.cloud, &sources, &settings, &strokes, &Quiet).unwrap();
+        let solved = solve_rows(&scene.cloud, &sources, &settings, &strokes, None, &Quiet).unwrap();
         for degree in 0..=3 {
             for exponent in 0..16 {
                 let error = 0.5 * libm::exp2(-0.5 * f64::from(exponent));

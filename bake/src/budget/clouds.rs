@@ -9,8 +9,8 @@ use super::solver::choose_solver;
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
 use crate::recipe::{Clouds, Recipe};
-use crate::response::ResponseSettings;
 use crate::response::judge::Verdict;
+use crate::response::{ResponseSettings, TestStroke};
 use crate::storm::clouds::{place_lamps, reach_of, strokes_for};
 use crate::trial::{Outcome, Trial};
 use squall_formats::section::provenance::BudgetRecord;
@@ -107,7 +107,7 @@ fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
 }
 
 /// Strokes that candidates are tried on: as many as memory has room for, between these.
-const STROKES: [usize; 2] = [4, 16];
+const STROKES: [usize; 2] = [4, 32];
 /// The coarsest spacing is the reach's longest side over this; each next is finer by √2.
 const COARSEST: f64 = 2.0;
 const SPACINGS: usize = 14;
@@ -177,6 +177,8 @@ pub fn choose(
     };
     progress.begin("budgets", spacings.len() as u64);
     let mut full = false;
+    // Strokes that do not depend on the spacing are solved once.
+    let mut solved: Option<Vec<TestStroke>> = None;
     // The best candidate at one spacing; none where its rows would take too much memory either.
     let mut attempt = |search: &mut Search, spacing_m: f64| -> Result<Option<Tried>, BakeError> {
         progress.check()?;
@@ -191,7 +193,11 @@ pub fn choose(
             return Ok(None);
         }
         let settings = ResponseSettings { channels: widest, ..choice.settings };
-        let trial = Trial::new(cloud, &lamps, clouds.distant.len(), &settings, &strokes, &Quiet)?;
+        let same = solved.as_ref().filter(|tests| tests.iter().map(|t| &t.lamps).eq(strokes.iter()));
+        let known = same.map(Vec::as_slice);
+        let distant = clouds.distant.len();
+        let trial = Trial::new(cloud, &lamps, distant, &settings, &strokes, known, &Quiet)?;
+        solved = Some(trial.tests());
         progress.advance(1);
         search.at(spacing_m, &trial)
     };

@@ -51,7 +51,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let mut points = Vec::new();
     for (channels, direct) in kinds {
         let settings = ResponseSettings { channels, direct, ..clouds.response };
-        let solved = solve_rows(cloud, &sources, &settings, &strokes, &Quiet)?;
+        let solved = solve_rows(cloud, &sources, &settings, &strokes, None, &Quiet)?;
         let what = match (channels, direct) {
             (ChannelBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
             (other, _) => format!("{} harmonics, direct light at run time", other.count()),

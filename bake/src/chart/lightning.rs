@@ -56,7 +56,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                 continue;
             }
             let settings = ResponseSettings { direct, channels, ..clouds.response };
-            let solve = || Trial::new(cloud, &lamps, 0, &settings, &strokes, &Quiet);
+            let solve = || Trial::new(cloud, &lamps, 0, &settings, &strokes, None, &Quiet);
             let (trial, cost) = seconds(1, solve);
             let trial = trial?;
             let outcome = trial.code(channels, settings.codec, settings.relative_error)?;

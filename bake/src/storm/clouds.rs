@@ -22,9 +22,9 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Rounds of choosing, baking and judging before a budget is given up; each asks for more than the one before.
-const ROUNDS: usize = 4;
-/// How much of a budget is left over by the second and later rounds.
-const TIGHTER: f64 = 0.9;
+const ROUNDS: usize = 6;
+/// How much further than the last figures tell the second and later rounds aim.
+const TIGHTER: f64 = 0.985;
 
 pub(super) fn bake_clouds(
     recipe: &Recipe,
@@ -149,9 +149,15 @@ pub(crate) fn strokes_for(
         let own: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lamps(0.0)).collect();
         shifted_strokes(&own, usable, 0.5 * spacing_m, count)
     } else {
-        test_strokes(cloud, reach, usable, 0.5 * spacing_m, count)
+        // Their points lie no closer where lamps do: strokes are the same for every spacing.
+        let spacing_m =
+            if clouds.given.spacing { 0.5 * spacing_m } else { (reach[1] - reach[0]).max_element() / POINTS };
+        test_strokes(cloud, reach, usable, spacing_m, count)
     }
 }
+
+/// Points along the reach's longest side of strokes grown at random, where the recipe states no spacing.
+const POINTS: f64 = 24.0;
 
 fn unseen_strokes(
     recipe: &Recipe,
