@@ -60,7 +60,7 @@ fn response_bytes(asset: &Asset) -> u64 {
 }
 
 /// Apart by a factor of three each.
-const ASKED: [f64; 3] = [0.27, 0.09, 0.03];
+const ASKED: [f64; 3] = [0.36, 0.12, 0.04];
 
 #[test]
 fn budgets_three_times_apart_are_met_on_unseen_strokes_at_a_cost_that_falls_with_what_is_asked() {
