@@ -54,7 +54,7 @@ fn main() {
 
     // The stroke whose points touch a hundred virtual lights, as nearly as random strokes give it.
     let cloud = relighter.cloud();
-    let strokes = test_strokes(cloud, relighter.reach(), |point| relighter.reaches(point), 40.0, 64);
+    let strokes = test_strokes(cloud, relighter.reach(), |point| relighter.reaches(point), 40.0, 0..64);
     let mut buffers = RelightBuffers::default();
     let mut touched = |lamps: &[LampPoint]| relighter.weigh(lamps, &mut buffers).unwrap().len();
     let stroke = strokes.iter().min_by_key(|lamps| touched(lamps).abs_diff(SOURCES)).unwrap();

@@ -43,6 +43,8 @@ pub struct SectionChange {
     pub tag: String,
     /// Version in A and B.
     pub version: [Option<u16>; 2],
+    /// Whether a reader must know it, in A and B.
+    pub required: [Option<bool>; 2],
     /// Length in A and B, bytes; `None` where the section is not there.
     pub bytes: [Option<u64>; 2],
 }
@@ -97,6 +99,7 @@ pub fn diff(a: &Asset, b: &Asset) -> Result<Difference, BakeError> {
         found.sections.push(SectionChange {
             tag: tag.to_string(),
             version: entries.map(|entry| entry.map(|e| e.version)),
+            required: entries.map(|entry| entry.map(|e| e.required)),
             bytes: entries.map(|entry| entry.map(|e| e.length)),
         });
         if entries.iter().all(|entry| entry.is_some()) {
@@ -110,7 +113,8 @@ pub fn diff(a: &Asset, b: &Asset) -> Result<Difference, BakeError> {
             ResponseSection::TAG => compare_responses(a, b, &mut found)?,
             StreakSection::TAG => compare_streaks(a, b, &mut found)?,
             DensitySection::TAG => compare_densities(a, b, &mut found)?,
-            _ => {}
+            ProvenanceSection::TAG => {}
+            _ => found.cannot(tag, "sections of this kind have no distance"),
         }
     }
     Ok(found)
@@ -121,7 +125,8 @@ fn same_bytes(assets: [&Asset; 2], entries: [Option<&Entry>; 2]) -> Result<bool,
     let bytes = |asset: &Asset, entry: &Entry| -> Result<Vec<u8>, BakeError> {
         Ok(entry.bytes(asset.bytes()).map_err(|error| asset.wrap(error))?.to_vec())
     };
-    Ok(a.version == b.version && a.length == b.length && bytes(assets[0], a)? == bytes(assets[1], b)?)
+    let same = a.version == b.version && a.required == b.required && a.length == b.length;
+    Ok(same && bytes(assets[0], a)? == bytes(assets[1], b)?)
 }
 
 fn compare_provenance(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
@@ -202,7 +207,11 @@ fn compare_grids(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), Bak
         square += f64::from(x - r) * f64::from(x - r);
         size += f64::from(r) * f64::from(r);
     }
-    let l2 = if size > 0.0 { libm::sqrt(square / size) } else { 0.0 };
+    let l2 = match (square, size) {
+        (0.0, _) => 0.0,
+        (_, 0.0) => f64::INFINITY,
+        _ => libm::sqrt(square / size),
+    };
     found.measured(CloudSection::TAG, "extinction, relative L2", l2);
     if x.head != r.head {
         found.cannot(CloudSection::TAG, format!("other optics or place: {:?} beside {:?}", x.head, r.head));
@@ -236,7 +245,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         let usable = |point| x.reaches(point) && r.reaches(point);
         let [low, high] = x.reach();
         let spacing = (high - low).max_element() / 40.0;
-        strokes = test_strokes(x.cloud(), x.reach(), usable, spacing, STROKES);
+        strokes = test_strokes(x.cloud(), x.reach(), usable, spacing, 0..STROKES);
     }
     if strokes.is_empty() {
         found.cannot(tag, "no stroke that both reach");
@@ -319,8 +328,8 @@ fn compare_densities(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
                 Ok(lookup_counts(section, mode, &view, rate)?.iter().sum())
             };
             let (found, wanted) = (total(&x)?, total(&r)?);
-            if wanted > 0.0 {
-                worst = worst.max((found / wanted - 1.0).abs());
+            if found != wanted {
+                worst = worst.max((found - wanted).abs() / wanted);
             }
         }
         found.measured(tag, format!("counts in mode {}, largest relative difference", mode.name()), worst);

@@ -72,6 +72,21 @@ impl Fields {
         })
     }
 
+    /// Names of the files that [`Fields::write`] makes.
+    pub fn file_names(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        let mut add = |name: String, estimate: &Estimate| {
+            names.push(format!("{name}.f32"));
+            names.extend(estimate.error.as_ref().map(|_| format!("{name}_se.f32")));
+        };
+        add("phi_sc".into(), &self.phi_scattered);
+        add("phi_dir".into(), &self.phi_direct);
+        self.towards.iter().for_each(|(camera, j)| add(format!("jcam_{camera}"), j));
+        self.images.iter().for_each(|(camera, _, image)| add(format!("image_{camera}"), image));
+        names.extend(self.images.iter().map(|(camera, ..)| format!("image_{camera}.exr")));
+        names
+    }
+
     /// Writes everything into `folder`, which exists: `phi_sc.f32`, `phi_dir.f32`, `jcam_<camera>.f32`, `image_<camera>.f32`
     /// and `.exr`, and `<name>_se.f32` beside each `.f32` that has errors. Returns the files' names. Each file appears whole
     /// or not at all.

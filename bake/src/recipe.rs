@@ -11,7 +11,7 @@ use crate::budget::clouds::{CloudBudget, Given};
 use crate::density::DensitySpec;
 use crate::error::BakeError;
 use crate::input::read_text;
-use crate::input::scene::Optics;
+use crate::input::scene::{Optics, read_scene};
 use crate::response::ResponseSettings;
 use crate::streak::FitSettings;
 pub use file::parse_directions;
@@ -92,11 +92,18 @@ pub struct Rain {
 }
 
 impl Recipe {
-    /// The recipe's own file and every file that it names.
-    pub fn inputs(&self) -> Vec<PathBuf> {
-        let scene = self.clouds.iter().map(|clouds| &clouds.scene);
+    /// The recipe's own file and every file that it names, those that its scene names among them.
+    ///
+    /// Errors: a scene that cannot be read.
+    pub fn inputs(&self) -> Result<Vec<PathBuf>, BakeError> {
         let pictures = self.rain.iter().flat_map(|rain| &rain.pictures);
-        std::iter::once(&self.file).chain(scene).chain(&self.town).chain(pictures).cloned().collect()
+        let mut files: Vec<PathBuf> =
+            std::iter::once(&self.file).chain(&self.town).chain(pictures).cloned().collect();
+        if let Some(clouds) = &self.clouds {
+            files.push(clouds.scene.clone());
+            files.extend(read_scene(&clouds.scene, clouds.optics)?.inputs);
+        }
+        Ok(files)
     }
 
     /// Reads and checks a recipe.

@@ -123,7 +123,8 @@ fn bake_rain(
                 got: worst,
                 chosen: format!("{method}, {terms} cosines in {} patterns", patterns.len()),
                 next_better: streaks_beyond(rain, &patterns)?,
-                next_cheaper: next_cheaper.map(|(cosines, psnr)| format!("{cosines} cosines: {psnr:.2} dB")),
+                next_cheaper: next_cheaper
+                    .map(|(name, cosines, psnr)| format!("{cosines} cosines in {name}: {psnr:.2} dB")),
             },
             None => BudgetRecord {
                 part: "streaks".into(),
@@ -167,8 +168,8 @@ fn bake_rain(
     Ok(())
 }
 
-/// The patterns, and where a PSNR chose them the pattern that came nearest to it with fewer cosines.
-type Fitted = (Vec<StreakPattern>, Option<(usize, f64)>);
+/// The patterns, and where a PSNR chose them the one that came nearest to it with fewer cosines: its name, their number, dB.
+type Fitted = (Vec<StreakPattern>, Option<(String, usize, f64)>);
 
 fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError> {
     use rayon::prelude::*;
@@ -187,15 +188,15 @@ fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError
         Ok(fitted)
     };
     let fitted: Vec<Result<_, BakeError>> = rain.pictures.par_iter().map(fit).collect();
-    let (mut patterns, mut nearest) = (Vec::new(), None::<(usize, f64)>);
+    let (mut patterns, mut nearest) = (Vec::new(), None::<(String, usize, f64)>);
     for one in fitted {
         let (pattern, cheaper) = one?;
-        patterns.push(pattern);
-        if let Some(cheaper) = cheaper
-            && nearest.is_none_or(|(_, psnr)| cheaper.1 > psnr)
+        if let Some((cosines, psnr)) = cheaper
+            && nearest.as_ref().is_none_or(|(_, _, best)| psnr > *best)
         {
-            nearest = Some(cheaper);
+            nearest = Some((pattern.name.clone(), cosines, psnr));
         }
+        patterns.push(pattern);
     }
     Ok((patterns, nearest))
 }
@@ -209,5 +210,6 @@ fn streaks_beyond(rain: &Rain, patterns: &[StreakPattern]) -> Result<Option<Stri
     let picture = read_grey(path)?;
     let source = streak::Source { file: path, picture: &picture, notes: None };
     let better = streak::fit(&source, streak::FitSettings { cosines, ..rain.fit })?;
-    Ok(Some(format!("{cosines} cosines in {}: {:.2} dB", pattern.name, better.psnr_db)))
+    let words = format!("{cosines} cosines in {}: {:.2} dB", pattern.name, better.psnr_db);
+    Ok((better.psnr_db > pattern.psnr_db).then_some(words))
 }

@@ -2,6 +2,7 @@
 //!
 //! Budgets choose by these figures and charts show them. Everything here is a function of the inputs; nothing looks at a clock.
 
+use crate::budget::clouds::STROKES;
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::recipe::Recipe;
@@ -11,6 +12,7 @@ use crate::response::{
 };
 use crate::storm::clouds::{place_lamps, strokes_for};
 use squall_formats::container::{self, OutSection};
+use squall_formats::meta;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{self, ChannelBasis, Codec};
 use squall_runtime::Asset;
@@ -63,8 +65,6 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// Bytes of the whole response, estimated from those of the tried rows.
     pub bytes: u64,
-    /// Coefficients that a stroke's relighting adds up, mean over the tried rows, times the rows that a stroke touches.
-    pub coefficients: u64,
 }
 
 impl<'a> Trial<'a> {
@@ -92,13 +92,13 @@ impl<'a> Trial<'a> {
     /// Errors: none that rows solved here bring about.
     pub fn code(&self, channels: ChannelBasis, codec: Codec, error: f64) -> Result<Outcome, BakeError> {
         let coded = self.solved.encode(channels, codec, error);
-        let (tried, kept, tests) = (coded.rows.rows.len().max(1), coded.kept, coded.tests.clone());
+        let (tried, tests) = (coded.rows.rows.len().max(1), coded.tests.clone());
+        // The head names every node of the grid, solved or not; index, bounds and rows grow with the rows.
+        let head = meta::encode(&coded.head).len() as u64;
         let (asset, bytes) = asset_of(self.cloud, coded)?;
         let verdict = judge(&Relighter::new(&asset)?, &tests)?;
-        let rows = self.lamps + self.distant;
-        // Tests touch all of the tried rows between them; head and index grow with the rows as well.
-        let bytes = bytes * rows as u64 / tried as u64;
-        Ok(Outcome { verdict, bytes, coefficients: (kept / tests.len().max(1)) as u64 })
+        let rows = (self.lamps + self.distant) as u64;
+        Ok(Outcome { verdict, bytes: head + bytes.saturating_sub(head) * rows / tried as u64 })
     }
 
     /// Bytes that the solved rows of such a trial take.
@@ -150,7 +150,8 @@ pub fn strokes_that_judge(
         return Err(BakeError::input(&recipe.file, "recipe", "a table [clouds]", "none"));
     };
     let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
-    let count = clouds.test_strokes as usize;
-    let strokes = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, count);
+    let first = if clouds.budget.judges() { STROKES[1] } else { 0 };
+    let numbers = first..first + clouds.test_strokes as usize;
+    let strokes = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, numbers);
     Ok((lamps, strokes))
 }

@@ -45,14 +45,33 @@ pub struct Given {
 }
 
 impl CloudBudget {
-    /// The largest ratio of a figure to what was asked; 0 where nothing was.
+    /// The largest ratio of an error to what was asked; 0 where nothing was, without bound for what is no number.
     pub fn over(&self, verdict: &Verdict) -> f64 {
-        let ratio = |asked: Option<f64>, got: f64| asked.map_or(0.0, |asked| got / asked);
+        let ratio = |asked: Option<f64>, got: f64| match asked {
+            Some(asked) if got.is_finite() => got / asked,
+            Some(_) => f64::INFINITY,
+            None => 0.0,
+        };
         ratio(self.stroke_l2, verdict.stroke.l2).max(ratio(self.relit_l2, verdict.codec.l2))
     }
 
-    fn chooses(&self) -> bool {
-        self.stroke_l2.is_some() || self.relit_l2.is_some() || self.bytes.is_some()
+    /// Ratio of a response's bytes to what was asked; 0 where nothing was.
+    pub fn over_bytes(&self, bytes: u64) -> f64 {
+        self.bytes.map_or(0.0, |most| bytes as f64 / most as f64)
+    }
+
+    /// Whether something has to be chosen beside the solver.
+    pub fn chooses(&self) -> bool {
+        self.errors() || self.bytes.is_some()
+    }
+
+    /// Whether anything is asked that strokes have to judge.
+    pub fn judges(&self) -> bool {
+        self.chooses() || self.solver_l2.is_some()
+    }
+
+    fn errors(&self) -> bool {
+        self.stroke_l2.is_some() || self.relit_l2.is_some()
     }
 }
 
@@ -107,7 +126,7 @@ fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
 }
 
 /// Strokes that candidates are tried on: as many as memory has room for, between these.
-const STROKES: [usize; 2] = [4, 32];
+pub const STROKES: [usize; 2] = [4, 32];
 /// The coarsest spacing is the reach's longest side over this; each next is finer by √2.
 const COARSEST: f64 = 2.0;
 const SPACINGS: usize = 14;
@@ -119,14 +138,23 @@ const ERRORS: usize = 40;
 /// Most bytes that a candidate's solved rows may take.
 const MOST_BYTES: usize = 3 << 29;
 
-/// Chooses what the recipe leaves open. `margin` scales the budgets: below 1 where unseen strokes turned out worse.
+/// How much of each budget a choice may use: less than all where what was baked turned out worse than what was tried.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// Of the errors asked for.
+    pub errors: f64,
+    /// Of the bytes.
+    pub bytes: f64,
+}
+
+/// Chooses what the recipe leaves open.
 ///
 /// Errors: a budget that no candidate meets, with the best; a solve that does not converge; an interruption.
 pub fn choose(
     recipe: &Recipe,
     clouds: &Clouds,
     cloud: &Cloud,
-    margin: f64,
+    margins: Margins,
     progress: &dyn Progress,
 ) -> Result<Choice, BakeError> {
     let mut choice = Choice {
@@ -146,15 +174,23 @@ pub fn choose(
     }
     let strokes = |spacing_m: f64| -> Result<Vec<Vec<LampPoint>>, BakeError> {
         let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
-        let seen_by_judge =
-            strokes_for(recipe, clouds, cloud, &lamps, spacing_m, clouds.test_strokes as usize);
-        let all = clouds.test_strokes as usize + STROKES[1];
-        let all = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, all);
-        Ok(all.into_iter().skip(seen_by_judge.len()).collect())
+        let found = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, 0..STROKES[1]);
+        if found.is_empty() {
+            return Err(BakeError::NotReached {
+                what: "clouds.budget".into(),
+                wanted: "a stroke to judge settings by".into(),
+                reached: "none that the lamps reach".into(),
+                hint: "strokes in the recipe, or a larger reach without prune, would give some".into(),
+            });
+        }
+        Ok(found)
     };
     if let (Some(asked), false) = (clouds.budget.solver_l2, clouds.given.solver) {
-        let (settings, record, tried) =
-            choose_solver(cloud, &choice.settings, &strokes(choice.spacing_m)?, asked, progress)?;
+        let lamps = place_lamps(recipe, clouds, cloud, choice.spacing_m)?;
+        let unseen = STROKES[1]..STROKES[1] + clouds.test_strokes as usize;
+        let unseen = strokes_for(recipe, clouds, cloud, &lamps, choice.spacing_m, unseen);
+        let both = [strokes(choice.spacing_m)?, unseen];
+        let (settings, record, tried) = choose_solver(cloud, &choice.settings, &both, asked, progress)?;
         choice.settings = settings;
         choice.solver = Some(record);
         choice.tried += tried;
@@ -170,7 +206,7 @@ pub fn choose(
         };
     let mut search = Search {
         clouds,
-        margin: margin * SAFETY,
+        margins: Margins { errors: margins.errors * SAFETY, bytes: margins.bytes * SAFETY },
         channels: channels(clouds),
         errors: errors(clouds),
         tried: Vec::new(),
@@ -182,7 +218,11 @@ pub fn choose(
     // The best candidate at one spacing; none where its rows would take too much memory either.
     let mut attempt = |search: &mut Search, spacing_m: f64| -> Result<Option<Tried>, BakeError> {
         progress.check()?;
-        let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
+        // More lamps than days allow: the recipe did not name the spacing, so it is no mistake of its.
+        let Ok(lamps) = place_lamps(recipe, clouds, cloud, spacing_m) else {
+            full = true;
+            return Ok(None);
+        };
         let mut strokes = strokes(spacing_m)?;
         let widest = search.channels.last().copied().unwrap_or(choice.settings.channels);
         while strokes.len() > STROKES[0] && Trial::bytes(&lamps, &strokes, widest, cloud) > MOST_BYTES {
@@ -203,7 +243,12 @@ pub fn choose(
     };
     let mut best: Option<Tried> = None;
     for &spacing_m in &spacings {
+        let before = search.tried.len();
         let found = attempt(&mut search, spacing_m)?;
+        if search.tried.len() == before {
+            // No memory or time for this one; finer ones take more.
+            break;
+        }
         match (&best, found) {
             (None, found) => best = found,
             (Some(known), Some(found)) if search.prefers(&found, known) => best = Some(found),
@@ -229,12 +274,17 @@ pub fn choose(
     choice.spacing_m = best.spacing_m;
     choice.settings.channels = best.channels;
     choice.settings.relative_error = best.error;
-    let stroke = |tried: &&Tried| tried.outcome.verdict.stroke.l2;
+    // In the measure that was asked for.
+    let only_codec = clouds.budget.relit_l2.is_some() && clouds.budget.stroke_l2.is_none();
+    let error = |tried: &&Tried| {
+        let verdict = tried.outcome.verdict;
+        if only_codec { verdict.codec.l2 } else { verdict.stroke.l2 }
+    };
     let bytes = |tried: &&Tried| tried.outcome.bytes;
-    let better = search.tried.iter().filter(|t| stroke(t) < stroke(&&best) && bytes(t) > bytes(&&best));
+    let better = search.tried.iter().filter(|t| error(t) < error(&&best) && bytes(t) > bytes(&&best));
     choice.next_better = better.min_by_key(bytes).map(Tried::words);
     let cheaper = search.tried.iter().filter(|t| bytes(t) < bytes(&&best));
-    choice.next_cheaper = cheaper.min_by(|a, b| stroke(a).total_cmp(&stroke(b))).map(Tried::words);
+    choice.next_cheaper = cheaper.min_by(|a, b| error(a).total_cmp(&error(b))).map(Tried::words);
     Ok(choice)
 }
 
@@ -260,7 +310,7 @@ fn errors(clouds: &Clouds) -> Vec<f64> {
 
 struct Search<'a> {
     clouds: &'a Clouds,
-    margin: f64,
+    margins: Margins,
     channels: Vec<ChannelBasis>,
     errors: Vec<f64>,
     tried: Vec<Tried>,
@@ -273,19 +323,21 @@ impl Search<'_> {
         for channels in self.channels.clone() {
             // The figures fall with the error and bytes rise: where they begin or cease to be met is found by halving.
             let (mut low, mut high) = (0, self.errors.len());
-            let by_error = self.clouds.budget.stroke_l2.is_some() || self.clouds.budget.relit_l2.is_some();
+            let by_error = self.clouds.budget.errors();
             while low < high {
                 let middle = (low + high) / 2;
                 let error = self.errors[middle];
                 let outcome = trial.code(channels, self.clouds.response.codec, error)?;
                 let tried = Tried { spacing_m, channels, error, outcome };
                 self.tried.push(tried);
-                let meets = self.meets(&tried);
-                if meets && best.is_none_or(|best| self.prefers(&tried, &best)) {
+                let budget = &self.clouds.budget;
+                let good = budget.over(&outcome.verdict) <= self.margins.errors;
+                let fits = budget.over_bytes(outcome.bytes) <= self.margins.bytes;
+                if good && fits && best.is_none_or(|best| self.prefers(&tried, &best)) {
                     best = Some(tried);
                 }
-                // By error the coarsest that is good enough, by bytes the finest that fits.
-                if meets == by_error {
+                // By error the coarsest that is good enough, by bytes alone the finest that fits.
+                if if by_error { good } else { !fits } {
                     high = middle;
                 } else {
                     low = middle + 1;
@@ -295,16 +347,9 @@ impl Search<'_> {
         Ok(best)
     }
 
-    fn meets(&self, tried: &Tried) -> bool {
-        let Outcome { verdict, bytes, .. } = tried.outcome;
-        let fits = self.clouds.budget.bytes.is_none_or(|most| bytes as f64 <= most as f64 * SAFETY);
-        fits && self.clouds.budget.over(&verdict) <= self.margin
-    }
-
     /// Whether `a`, which meets the budget, is to be preferred to `b`, which does too.
     fn prefers(&self, a: &Tried, b: &Tried) -> bool {
-        let errors = self.clouds.budget.stroke_l2.is_some() || self.clouds.budget.relit_l2.is_some();
-        if errors {
+        if self.clouds.budget.errors() {
             a.outcome.bytes < b.outcome.bytes
         } else {
             a.outcome.verdict.stroke.l2 < b.outcome.verdict.stroke.l2
@@ -317,6 +362,8 @@ impl Search<'_> {
             budget.stroke_l2.map(|v| format!("stroke_l2 {v}")),
             budget.relit_l2.map(|v| format!("relit_l2 {v}")),
             budget.bytes.map(|v| format!("{v} bytes")),
+            (self.margins.errors < SAFETY)
+                .then(|| format!("on the tried strokes {:.3} of that", self.margins.errors)),
         ];
         let worst = |tried: &&Tried| budget.over(&tried.outcome.verdict);
         let fits = |tried: &&Tried| budget.bytes.is_none_or(|most| tried.outcome.bytes <= most);

@@ -33,11 +33,13 @@ const DIRECTIONS: [(&str, Quadrature); 4] = [
 pub fn choose_solver(
     cloud: &Cloud,
     settings: &ResponseSettings,
-    strokes: &[Vec<LampPoint>],
+    [strokes, unseen]: &[Vec<Vec<LampPoint>>; 2],
     asked: f64,
     progress: &dyn Progress,
 ) -> Result<(ResponseSettings, BudgetRecord, usize), BakeError> {
-    let strokes = &strokes[..strokes.len().min(STROKES)];
+    // Strokes that choose, and behind them those that judge.
+    let (few, judges) = (strokes.len().min(STROKES), unseen.len().min(STROKES));
+    let strokes: Vec<Vec<LampPoint>> = strokes[..few].iter().chain(&unseen[..judges]).cloned().collect();
     let cells = |refine: u32| cloud.shape.len() * refine.pow(3) as usize;
     let finest = (1..=MOST_REFINEMENT).rev().find(|&r| cells(r) <= MOST_CELLS).unwrap_or(1);
     let mut candidates = Vec::new();
@@ -58,7 +60,7 @@ pub fn choose_solver(
         let settings = ResponseSettings { refine, solve, ..*settings };
         let lamps = LampGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
         let sources = Sources { lamps, distant: Vec::new() };
-        let baked = bake_response(cloud, &sources, &settings, strokes, &crate::progress::Quiet)?;
+        let baked = bake_response(cloud, &sources, &settings, &strokes, &crate::progress::Quiet)?;
         progress.advance(1);
         progress.check()?;
         Ok(baked.tests.into_iter().map(|test| test.truth).collect())
@@ -68,41 +70,57 @@ pub fn choose_solver(
     let words = |&(cost, refine, name, _): &(usize, u32, &str, Quadrature), error: f64| {
         format!("refinement {refine}, {name} directions: L2 {:.2} %, cost {cost} a cell", 100.0 * error)
     };
-    let (mut cheaper, mut chosen) = (None, None);
+    let error = |found: &[Vec<f32>], range: std::ops::Range<usize>| {
+        let count = range.len().max(1) as f64;
+        let square: f64 = range.map(|at| compare(&found[at], &truth[at]).l2.powi(2)).sum();
+        libm::sqrt(square / count)
+    };
+    let last = candidates.len() - 1;
+    let mut cheaper: Option<(String, f64)> = None;
+    let mut chosen = None;
     for (at, candidate) in candidates.iter().enumerate() {
         let (_, refine, _, quadrature) = *candidate;
-        let found = if at + 1 == candidates.len() { truth.clone() } else { solve(refine, quadrature)? };
-        let square = found.iter().zip(&truth).map(|(x, r)| compare(x, r).l2.powi(2)).sum::<f64>();
-        let error = libm::sqrt(square / truth.len().max(1) as f64);
-        if chosen.is_none() && error <= asked * SAFETY {
-            chosen = Some((*candidate, error, at));
-        } else if let Some((candidate_chosen, got, _)) = chosen {
-            let (_, refine, name, quadrature) = candidate_chosen;
-            let solve = SolveSettings { quadrature, ..settings.solve };
-            let record = BudgetRecord {
-                part: "transport".into(),
-                metric: "stroke L2 over 26 directions, against the finest solve tried".into(),
-                asked: Some(asked),
-                got,
-                chosen: format!("refinement {refine}, {name} directions"),
-                next_better: Some(words(candidate, error)),
-                next_cheaper: cheaper,
-            };
-            return Ok((ResponseSettings { refine, solve, ..*settings }, record, at + 1));
-        } else {
-            cheaper = Some(words(candidate, error));
+        let found = if at == last { truth.clone() } else { solve(refine, quadrature)? };
+        let tried = error(&found, 0..few);
+        let judged = if judges > 0 { error(&found, few..few + judges) } else { tried };
+        match chosen {
+            None if at == last || tried <= asked * SAFETY && judged <= asked => {
+                chosen = Some((*candidate, judged, at + 1));
+            }
+            None if cheaper.as_ref().is_none_or(|(_, best)| judged < *best) => {
+                cheaper = Some((words(candidate, judged), judged));
+            }
+            // The first that costs more and is better.
+            Some((mine, got, tried)) if judged < got => {
+                let better = Some(words(candidate, judged));
+                return Ok(finished(settings, asked, (mine, got), [better, cheaper.map(|c| c.0)], tried));
+            }
+            _ => {}
         }
     }
-    let (_, refine, name, quadrature) = candidates[candidates.len() - 1];
+    let (mine, got, tried) = chosen.unwrap_or((candidates[last], 0.0, candidates.len()));
+    Ok(finished(settings, asked, (mine, got), [None, cheaper.map(|c| c.0)], tried))
+}
+
+/// Cost a cell, refinement, and directions by name.
+type Candidate = (usize, u32, &'static str, Quadrature);
+
+fn finished(
+    settings: &ResponseSettings,
+    asked: f64,
+    ((_, refine, name, quadrature), got): (Candidate, f64),
+    [next_better, next_cheaper]: [Option<String>; 2],
+    tried: usize,
+) -> (ResponseSettings, BudgetRecord, usize) {
     let record = BudgetRecord {
         part: "transport".into(),
-        metric: "stroke L2 over 26 directions, against the finest solve tried".into(),
+        metric: "unseen stroke's L2 over 26 directions, against the finest solve tried".into(),
         asked: Some(asked),
-        got: 0.0,
-        chosen: format!("refinement {refine}, {name} directions: the finest"),
-        next_better: None,
-        next_cheaper: cheaper,
+        got,
+        chosen: format!("refinement {refine}, {name} directions"),
+        next_better,
+        next_cheaper,
     };
     let solve = SolveSettings { quadrature, ..settings.solve };
-    Ok((ResponseSettings { refine, solve, ..*settings }, record, candidates.len()))
+    (ResponseSettings { refine, solve, ..*settings }, record, tried)
 }

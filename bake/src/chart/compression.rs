@@ -31,7 +31,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let side = (cloud.far_corner() - cloud.origin_m).max_element();
     let spacing_m = if clouds.lamps.spacing_m > 0.0 { clouds.lamps.spacing_m } else { side / 12.0 };
     let lamps = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
-    let strokes = strokes_for(task.recipe, clouds, cloud, &lamps, spacing_m, if task.quick { 2 } else { 4 });
+    let strokes =
+        strokes_for(task.recipe, clouds, cloud, &lamps, spacing_m, 0..if task.quick { 2 } else { 4 });
     if strokes.is_empty() {
         return Ok(Vec::new());
     }

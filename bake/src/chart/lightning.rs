@@ -51,7 +51,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             progress.advance(1);
             let spacing_m = own * step;
             let lamps = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
-            let strokes = strokes_for(task.recipe, clouds, cloud, &lamps, spacing_m, count);
+            let strokes = strokes_for(task.recipe, clouds, cloud, &lamps, spacing_m, 0..count);
             if strokes.is_empty() || Trial::bytes(&lamps, &strokes, channels, cloud) > MOST_BYTES {
                 continue;
             }

@@ -7,7 +7,7 @@ use squall_bake::{output, recipe::Recipe, storm};
 use squall_formats::container;
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Bakes a recipe into one asset.
 #[derive(clap::Args)]
@@ -28,8 +28,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if args.preview.is_some() && recipe.view.is_none() {
         return Err(BakeError::input(&args.recipe, "view", "a table [view] to preview", "none").into());
     }
-    let inputs = recipe.inputs();
-    let outputs: Vec<&PathBuf> = std::iter::once(&args.out).chain(&args.preview).collect();
+    let inputs = recipe.inputs()?;
+    let outputs: Vec<&Path> = std::iter::once(&args.out).chain(&args.preview).map(PathBuf::as_path).collect();
     folder::check_apart(&outputs, inputs.iter())?;
     for path in &outputs {
         folder::check_parent(path)?;

@@ -3,7 +3,7 @@
 mod page;
 mod svg;
 
-use super::folder::OutputFolder;
+use super::folder::{OutputFolder, check_apart};
 use super::progress::Bars;
 use squall_bake::BakeError;
 use squall_bake::chart::{CHARTS, Row, Sweep, sweep};
@@ -45,7 +45,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let wanted = "a folder with clouds/scenes, clouds/fields and streaks";
         return Err(BakeError::input(folder, "--reference", wanted, "none of these").into());
     }
-    let folder = OutputFolder::prepare(&args.out)?;
+    let names: Vec<String> = CHARTS.iter().map(|(id, _)| format!("{id}.svg")).collect();
+    let names: Vec<&str> =
+        names.iter().map(String::as_str).chain(["data.csv", "data.json", "index.html"]).collect();
+    let outputs: Vec<PathBuf> = names.iter().map(|name| args.out.join(name)).collect();
+    check_apart(&outputs.iter().map(PathBuf::as_path).collect::<Vec<_>>(), recipe.inputs()?.iter())?;
+    let mut folder = OutputFolder::prepare(&args.out)?;
+    folder.expect(names);
     let bars = Bars::new()?;
     let task = Sweep { recipe: &recipe, quick: args.quick, reference: args.reference, only: args.only };
     let rows = sweep(&task, &bars)?;

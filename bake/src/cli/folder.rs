@@ -1,8 +1,6 @@
 //! A folder for results: checked before the work, gone again if nothing comes of it.
 
 use squall_bake::BakeError;
-use std::collections::HashSet;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// A folder that exists and takes files. Folders made for it disappear with this value unless it is kept.
@@ -10,8 +8,8 @@ pub struct OutputFolder {
     path: PathBuf,
     /// Folders made here, outermost first.
     made: Vec<PathBuf>,
-    /// What lay in it before.
-    before: HashSet<OsString>,
+    /// Names of results that may lie in it, and were not there before.
+    results: Vec<String>,
     kept: bool,
 }
 
@@ -27,7 +25,7 @@ impl OutputFolder {
             }
             missing.push(folder.to_owned());
         }
-        let mut folder = Self { path: path.to_owned(), made: Vec::new(), before: names(path), kept: false };
+        let mut folder = Self { path: path.to_owned(), made: Vec::new(), results: Vec::new(), kept: false };
         for missing in missing.into_iter().rev() {
             std::fs::create_dir(&missing).map_err(refused(&missing, "make the folder"))?;
             folder.made.push(missing);
@@ -41,6 +39,12 @@ impl OutputFolder {
         &self.path
     }
 
+    /// Announces results that are about to be written: they go again unless all are kept, other files never.
+    pub fn expect<'a>(&mut self, names: impl IntoIterator<Item = &'a str>) {
+        let new = names.into_iter().filter(|name| !self.path.join(name).exists());
+        self.results.extend(new.map(str::to_owned));
+    }
+
     /// Leaves the folder and everything in it.
     pub fn keep(mut self) {
         self.kept = true;
@@ -52,8 +56,8 @@ impl Drop for OutputFolder {
         if self.kept {
             return;
         }
-        // Half a set of results is nothing: files that came since go, then the folders made for them.
-        for name in names(&self.path).difference(&self.before) {
+        // Half a set of results is nothing.
+        for name in &self.results {
             let _ = std::fs::remove_file(self.path.join(name));
         }
         for folder in self.made.iter().rev() {
@@ -62,14 +66,9 @@ impl Drop for OutputFolder {
     }
 }
 
-fn names(folder: &Path) -> HashSet<OsString> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten();
-    entries.filter_map(|entry| Some(entry.ok()?.file_name())).collect()
-}
-
 /// Refuses outputs that would replace an input or each other.
 pub fn check_apart<'a>(
-    outputs: &[&PathBuf],
+    outputs: &[&Path],
     inputs: impl Iterator<Item = &'a PathBuf>,
 ) -> Result<(), BakeError> {
     let inputs: Vec<PathBuf> = inputs.map(|path| same_place(path)).collect();

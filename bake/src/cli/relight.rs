@@ -1,6 +1,6 @@
 //! `squall relight ASSET --lamps LAMPS.json --camera CAMERA.json -o IMAGE [--field DIR]`
 
-use super::folder::{OutputFolder, check_parent};
+use super::folder::{OutputFolder, check_apart, check_parent};
 use super::picture;
 use super::progress::Bars;
 use serde_json::json;
@@ -58,6 +58,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let relighter = Relighter::new(&asset)?;
     let lamps = read_lamps(&args.lamps)?;
     let (name, camera) = read_camera(&args.camera)?;
+    check_apart(&[&args.out], [&args.asset, &args.lamps, &args.camera].into_iter())?;
     check_parent(&args.out)?;
     let folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
     let bars = Bars::new()?;
@@ -91,7 +92,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         100.0 * report.error_bound,
         start.elapsed().as_secs_f64(),
     );
-    if let Some(folder) = folder {
+    if let Some(mut folder) = folder {
+        folder.expect(fields.file_names().iter().map(String::as_str).chain(["relight.json"]));
         let mut files = fields.write(folder.path())?;
         let mut summary = json!({
             "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),

@@ -92,7 +92,7 @@ pub fn run(args: Args) -> Result<()> {
     let start = Instant::now();
     let scene = read_scene(&args.scene, Optics::default())?;
     let light = scene.light(&args.lamp)?;
-    let folder = OutputFolder::prepare(&args.out)?;
+    let mut folder = OutputFolder::prepare(&args.out)?;
     let bars = Bars::new()?;
     let (fields, report, lines) = match args.method {
         Method::Sweep => sweep(&args, &scene, light, &bars)?,
@@ -101,6 +101,7 @@ pub fn run(args: Args) -> Result<()> {
     bars.finish();
     bars.check()?;
     let seconds = start.elapsed().as_secs_f64();
+    folder.expect(fields.file_names().iter().map(String::as_str).chain(["solve.json"]));
     let mut files = fields.write(folder.path())?;
     let mut summary = json!({
         "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),

@@ -218,6 +218,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         }
         strokes.push(record);
     }
+    if let Some(clouds) = &clouds {
+        check_judges(clouds, !strokes.is_empty(), &source)?;
+    }
     let town = file.town.map(|town| source.beside("town.file", &town.file)).transpose()?;
     if clouds.is_none() && rain.is_none() && strokes.is_empty() && town.is_none() {
         let wanted = "at least one of [clouds], [rain], [town] and [[strokes]]";
@@ -234,6 +237,20 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         return Err(source.error(span, "view.rain.rate_mm_per_h", wanted, found.to_string()).into());
     }
     Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, view })
+}
+
+/// Refuses what nothing could judge: a budget without test strokes, lamps pruned to strokes that are not there.
+fn check_judges(clouds: &Clouds, has_strokes: bool, source: &Source) -> Result<(), RecipeError> {
+    if clouds.budget.judges() && clouds.test_strokes == 0 {
+        let span = source.locate(&["clouds", "response", "test_strokes"]).unwrap_or(0..0);
+        let wanted = "at least 1 beside [clouds.budget]";
+        return Err(source.error(span, "clouds.response.test_strokes", wanted, 0));
+    }
+    if clouds.lamps.prune && !has_strokes {
+        let span = source.locate(&["clouds", "lightning", "prune"]).unwrap_or(0..0);
+        return Err(source.error(span, "clouds.lightning.prune", "[[strokes]] to prune to", "none"));
+    }
+    Ok(())
 }
 
 fn check_view(

@@ -11,6 +11,7 @@ use squall_runtime::random::Random;
 use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::Cloud;
+use std::ops::Range;
 
 /// Errors of relit light against a truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -109,10 +110,15 @@ pub fn compare(found: &[f32], wanted: &[f32]) -> RelitError {
             relative.push((x - r).abs() / r);
         }
     }
-    if peak == 0.0 {
-        return RelitError::default();
+    // Nothing is off from nothing; something is, beyond any measure. So is what is no number.
+    if !(wanted_square > 0.0 && square.is_finite()) {
+        let off = if square == 0.0 && wanted_square == 0.0 { 0.0 } else { f64::INFINITY };
+        return RelitError { l2: off, tail: off, median: off };
     }
     let pick = |values: &mut Vec<f32>, share: f64| -> f64 {
+        if values.is_empty() {
+            return 0.0;
+        }
         let at = ((values.len() as f64 - 1.0) * share) as usize;
         f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
     };
@@ -129,13 +135,16 @@ pub fn shifted_strokes(
     strokes: &[Vec<LampPoint>],
     usable: impl Fn(DVec3) -> bool,
     shift: f64,
-    count: usize,
+    numbers: Range<usize>,
 ) -> Vec<Vec<LampPoint>> {
     /// Tries for each stretch before it is given up.
     const TRIES: u64 = 50;
     let mut found = Vec::new();
-    for number in 0..if strokes.is_empty() { 0 } else { count } {
-        let whole = &strokes[number % strokes.len()];
+    for number in numbers {
+        let Some(whole) = strokes.get(number.checked_rem(strokes.len()).unwrap_or(0)) else { break };
+        if whole.is_empty() {
+            continue;
+        }
         for attempt in 0..TRIES {
             let mut random = Random::from_parts(&[0x5417, number as u64, attempt]);
             let length = ((whole.len() as f64 * random.range(0.3, 1.0)) as usize).max(1);
@@ -160,7 +169,7 @@ pub fn test_strokes(
     reach: [DVec3; 2],
     usable: impl Fn(DVec3) -> bool,
     spacing: f64,
-    count: usize,
+    numbers: Range<usize>,
 ) -> Vec<Vec<LampPoint>> {
     /// Tries for each stroke before it is given up.
     const TRIES: u64 = 200;
@@ -176,7 +185,7 @@ pub fn test_strokes(
     };
     let [low, high] = reach;
     let mut strokes = Vec::new();
-    for number in 0..count as u64 {
+    for number in numbers.start as u64..numbers.end as u64 {
         for attempt in 0..TRIES {
             let mut random = Random::from_parts(&[0x7e57, number, attempt]);
             let mut place = || {

@@ -2,7 +2,7 @@
 //! strokes that the choice did not see.
 
 use super::{Stage, StageReport, record};
-use crate::budget::clouds::{Choice, choose};
+use crate::budget::clouds::{Choice, Margins, STROKES, choose};
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
 use crate::progress::Progress;
@@ -47,17 +47,23 @@ pub(super) fn bake_clouds(
     stages.push(start.done("cloud grid", made, grid.length(), "as given".into()));
     sections.push(grid);
 
-    let mut margin = 1.0;
+    let mut margins = Margins { errors: 1.0, bytes: 1.0 };
+    let done = stages.len();
     for round in 1.. {
         let start = Stage(Instant::now());
-        let choice = choose(recipe, clouds, cloud, margin, progress)?;
-        if round == 1 && choice.tried > 0 {
+        let choice = choose(recipe, clouds, cloud, margins, progress)?;
+        // What an earlier round made is gone.
+        stages.truncate(done);
+        if choice.tried > 0 {
             let made = format!("{} settings tried", choice.tried);
             stages.push(start.done("budgets", made, 0, choice.words()));
         }
         let start = Stage(Instant::now());
         let lamps = place_lamps(recipe, clouds, cloud, choice.spacing_m)?;
-        let strokes = unseen_strokes(recipe, clouds, cloud, &lamps, choice.spacing_m);
+        // Behind the strokes that choose, and in every round others.
+        let count = clouds.test_strokes as usize;
+        let first = if clouds.budget.judges() { STROKES[1] + (round - 1) * count } else { 0 };
+        let strokes = strokes_for(recipe, clouds, cloud, &lamps, choice.spacing_m, first..first + count);
         let sources = Sources { lamps, distant: clouds.distant.clone() };
         let mut baked = bake_response(cloud, &sources, &choice.settings, &strokes, progress)?;
         let rows = std::mem::take(&mut baked.rows);
@@ -71,10 +77,20 @@ pub(super) fn bake_clouds(
         let solver = &baked.head.solver;
         let error = format!("residual {:.1e}, {} sweeps at most", solver.worst_residual, solver.most_sweeps);
         stages.push(start.done("cloud response", made, section.length(), error));
+        let section_bytes = section.length();
         sections.push(section);
 
+        let over_bytes = clouds.budget.over_bytes(section_bytes);
         if baked.tests.is_empty() {
-            let words = "asked for no test strokes".to_owned();
+            if clouds.budget.judges() {
+                return Err(BakeError::NotReached {
+                    what: "clouds.budget".into(),
+                    wanted: "unseen strokes to judge by".into(),
+                    reached: "none that the lamps reach".into(),
+                    hint: "test_strokes above 0, or strokes in the recipe, would give some".into(),
+                });
+            }
+            let words = "no unseen strokes".to_owned();
             stages.push(Stage(Instant::now()).done("verification", words, 0, "not measured".into()));
             report_solver(&baked, &choice, provenance);
             return Ok(());
@@ -90,34 +106,40 @@ pub(super) fn bake_clouds(
         );
         stages.push(start.done("verification", format!("{} unseen strokes", baked.tests.len()), 0, error));
         let over = clouds.budget.over(&verdict);
-        if over <= 1.0 {
-            report(verdict, &baked, clouds, &choice, provenance);
+        if over <= 1.0 && over_bytes <= 1.0 {
+            report(verdict, section_bytes, &baked, clouds, &choice, provenance);
             return Ok(());
         }
         if round == ROUNDS || choice.tried == 0 {
-            return Err(not_met(clouds, &verdict, &choice));
+            return Err(not_met(clouds, &verdict, section_bytes, &choice));
         }
-        // Unseen strokes are worse off than those that chose: ask for more, and bake once more.
-        margin *= TIGHTER / over;
+        // Unseen strokes are worse off than those that chose, or rows larger: ask for more, and bake once more.
+        if over > 1.0 {
+            margins.errors *= TIGHTER / over;
+        }
+        if over_bytes > 1.0 {
+            margins.bytes *= TIGHTER / over_bytes;
+        }
         sections.pop();
     }
     Ok(())
 }
 
-fn not_met(clouds: &Clouds, verdict: &Verdict, choice: &Choice) -> BakeError {
+fn not_met(clouds: &Clouds, verdict: &Verdict, bytes: u64, choice: &Choice) -> BakeError {
     let asked = |name: &str, value: Option<f64>| value.map(|v| format!("{name} {v}"));
     let budget = &clouds.budget;
-    let wanted = [asked("stroke_l2", budget.stroke_l2), asked("relit_l2", budget.relit_l2)];
+    let most = budget.bytes.map(|bytes| format!("{bytes} bytes"));
+    let wanted = [asked("stroke_l2", budget.stroke_l2), asked("relit_l2", budget.relit_l2), most];
     BakeError::NotReached {
         what: "clouds.budget on unseen strokes".into(),
         wanted: wanted.into_iter().flatten().collect::<Vec<_>>().join(" and "),
         reached: format!(
-            "stroke_l2 {:.4}, relit_l2 {:.4} with {}",
+            "stroke_l2 {:.4}, relit_l2 {:.4}, {bytes} bytes with {}",
             verdict.stroke.l2,
             verdict.codec.l2,
             choice.words()
         ),
-        hint: "leave spacing_m, channels and error to the budget, or ask for less".into(),
+        hint: "ask for less, or leave more of spacing_m, channels and error to the budget".into(),
     }
 }
 
@@ -130,15 +152,15 @@ fn verify(sections: &[OutSection], baked: &BakedResponse) -> Result<Verdict, Bak
     judge(&relighter, &baked.tests)
 }
 
-/// Strokes that judge a response: the first `test_strokes` of the recipe's own, moved, where lamps were pruned to those; else
-/// grown at random in the reach. Strokes that a choice may see come behind them: [`crate::budget::clouds`].
+/// Strokes of the given numbers that try or judge a response: the recipe's own, moved, where lamps were pruned to those; else
+/// grown at random in the reach. A number always gives the same stroke, if it gives one.
 pub(crate) fn strokes_for(
     recipe: &Recipe,
     clouds: &Clouds,
     cloud: &Cloud,
     lamps: &LampGrid,
     spacing_m: f64,
-    count: usize,
+    numbers: std::ops::Range<usize>,
 ) -> Vec<Vec<LampPoint>> {
     let reach = [
         DVec3::new(lamps.x_m[0], lamps.y_m[0], lamps.z_m[0]),
@@ -147,27 +169,17 @@ pub(crate) fn strokes_for(
     let usable = |point: DVec3| touches_wanted(lamps, point);
     if clouds.lamps.prune {
         let own: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lamps(0.0)).collect();
-        shifted_strokes(&own, usable, 0.5 * spacing_m, count)
+        shifted_strokes(&own, usable, 0.5 * spacing_m, numbers)
     } else {
         // Their points lie no closer where lamps do: strokes are the same for every spacing.
         let spacing_m =
             if clouds.given.spacing { 0.5 * spacing_m } else { (reach[1] - reach[0]).max_element() / POINTS };
-        test_strokes(cloud, reach, usable, spacing_m, count)
+        test_strokes(cloud, reach, usable, spacing_m, numbers)
     }
 }
 
 /// Points along the reach's longest side of strokes grown at random, where the recipe states no spacing.
 const POINTS: f64 = 24.0;
-
-fn unseen_strokes(
-    recipe: &Recipe,
-    clouds: &Clouds,
-    cloud: &Cloud,
-    lamps: &LampGrid,
-    spacing_m: f64,
-) -> Vec<Vec<LampPoint>> {
-    strokes_for(recipe, clouds, cloud, lamps, spacing_m, clouds.test_strokes as usize)
-}
 
 fn last(axis: &[f64]) -> f64 {
     axis.last().copied().unwrap_or(0.0)
@@ -228,6 +240,7 @@ fn touches_wanted(grid: &LampGrid, point: DVec3) -> bool {
 /// Writes down what was asked, got and chosen.
 fn report(
     verdict: Verdict,
+    bytes: u64,
     baked: &BakedResponse,
     clouds: &Clouds,
     choice: &Choice,
@@ -265,14 +278,25 @@ fn report(
     let metric = "stroke L2 over 26 directions, against the stroke solved directly";
     add("lightning grid", metric, budget.stroke_l2, verdict.stroke.l2, &grid, budget.stroke_l2.is_some());
     add("lightning grid", "median pointwise stroke error", None, verdict.stroke.median, &grid, false);
+    if let Some(most) = budget.bytes {
+        let alone = budget.stroke_l2.is_none() && budget.relit_l2.is_none();
+        add("response", "bytes", Some(most as f64), bytes as f64, &choice.words(), alone);
+    }
     report_solver(baked, choice, provenance);
+}
+
+/// Directions of a set as [`response::SolverRecord`] names it.
+fn direction_count([polar, azimuths]: [u8; 2]) -> usize {
+    if polar == 0 { usize::from(azimuths) } else { 2 * usize::from(polar) * usize::from(azimuths) }
 }
 
 fn report_solver(baked: &BakedResponse, choice: &Choice, provenance: &mut ProvenanceSection) {
     let record = &baked.head.solver;
     let solver = format!(
-        "refinement {}, directions {:?}, {:?}",
-        choice.settings.refine, record.directions, record.scheme
+        "refinement {}, {} directions, {} scheme",
+        choice.settings.refine,
+        direction_count(record.directions),
+        format!("{:?}", record.scheme).to_lowercase()
     );
     provenance.budgets.push(BudgetRecord {
         part: "transport".into(),
