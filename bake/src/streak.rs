@@ -74,9 +74,12 @@ pub fn fit_all(sources: &[Source], settings: FitSettings) -> Result<Vec<StreakPa
     sources.par_iter().map(|source| fit(source, settings)).collect()
 }
 
+/// Peaks that count as 1: every floor and every step of an asset is a share of it.
+const PEAKS: std::ops::RangeInclusive<f32> = 0.25..=4.0;
+
 /// Fits one picture.
 ///
-/// Errors: more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side, one without
+/// Errors: a peak that is far from 1, more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side, one without
 /// light or with light that is negative or not finite.
 pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, BakeError> {
     let picture = source.picture;
@@ -98,6 +101,10 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
     if !(whole && picture.pixels.iter().all(light) && picture.pixels.iter().any(|&light| light > 0.0)) {
         let wanted = "finite light, some of it above 0";
         return Err(BakeError::input(source.file, "picture", wanted, "none, or other numbers"));
+    }
+    let peak = picture.pixels.iter().fold(0.0f32, |most, &light| most.max(light));
+    if !PEAKS.contains(&peak) {
+        return Err(BakeError::input(source.file, "picture", "light scaled to a peak of 1", peak));
     }
     let mut name =
         source.file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
