@@ -55,8 +55,8 @@ impl Default for TruthSettings {
 /// Optical depth of a solve cell, after delta scaling and along its longest edge, that automatic refinement aims at: the
 /// reference scenes' fields and pictures then come out within a few per cent (docs/transport.md).
 const SUB_CELL_DEPTH: f64 = 0.3;
-/// Deepest solve cell, measured the same way, that automatic refinement puts up with: the fluxes of a deep slab without
-/// absorption are then off by a third (docs/stability.md), and by more beyond.
+/// Deepest solve cell, after delta scaling and along its SHORTEST edge, that automatic refinement puts up with: the light that
+/// a deep slab without absorption lets through is then half too much (docs/stability.md), and more beyond.
 const DEEPEST_SUB_CELL: f64 = 2.0;
 /// Share of the light that may be missing from a solve's books, or be too much in them, beside ten times its tolerance.
 const BALANCE: f64 = 0.01;
@@ -70,16 +70,19 @@ const AUTOMATIC_CELLS: usize = 1 << 21;
 /// Refinement for a cloud that nobody chose one for: the least from 2 to 8 whose densest sub-cell is at most .3 deep after
 /// delta scaling (degree 3), or the largest below it that makes at most 2²¹ sub-cells; 1 where even 2 would make more.
 pub fn automatic_refinement(cloud: &Cloud) -> u32 {
-    let wanted = (sub_cell_depth(cloud, 1) / SUB_CELL_DEPTH).ceil().clamp(1.0, f64::from(MOST_REFINEMENT)) as u32;
+    let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
+    let edge = cloud.cell_m.iter().fold(0.0f64, |most, &e| most.max(e));
+    let depth = f64::from(densest) * edge * cloud.scaled(3).extinction_scale;
+    let wanted = (depth / SUB_CELL_DEPTH).ceil().clamp(1.0, f64::from(MOST_REFINEMENT)) as u32;
     let fits = |&refine: &u32| cloud.shape.len() * (refine * refine * refine) as usize <= AUTOMATIC_CELLS;
     (2..=wanted.max(LEAST_REFINEMENT)).rev().find(fits).unwrap_or(1)
 }
 
-/// Optical depth of the densest solve cell when each is cut into `refine` parts, after delta scaling (degree 3) and along its
-/// longest edge.
+/// Optical depth of the densest solve cell along its shortest edge when each is cut into `refine` parts, after delta scaling
+/// (degree 3).
 fn sub_cell_depth(cloud: &Cloud, refine: u32) -> f64 {
     let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
-    let edge = cloud.cell_m.iter().fold(0.0f64, |most, &e| most.max(e));
+    let edge = cloud.cell_m.iter().fold(f64::INFINITY, |least, &e| least.min(e));
     f64::from(densest) * edge * cloud.scaled(3).extinction_scale / f64::from(refine)
 }
 
@@ -134,8 +137,8 @@ pub struct TruthReport {
     pub direct_out_w: f64,
     /// (absorbed + leaving) / in − 1.
     pub energy_balance: f64,
-    /// Optical depth of the densest solve cell, after delta scaling and along its longest edge: fluxes through deep parts are
-    /// right from .3 down, and some per cent too large at 1.
+    /// Optical depth of the densest solve cell, after delta scaling and along its shortest edge: what deep parts let through is
+    /// right from .3 down, and a tenth too much at 1.
     pub deepest_cell: f64,
 }
 
@@ -264,7 +267,7 @@ where
             what: "transport solve".into(),
             wanted: format!("energy in balance within {allowed}"),
             reached: format!("{energy_balance:e}"),
-            hint: "finer cells, a smaller --tolerance or open boundaries help".into(),
+            hint: "cells of a periodic grid that are wider than a tenth of their height, or a smaller --tolerance, help".into(),
         });
     }
     Ok(Truth {

@@ -137,7 +137,17 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
         Method::Separable => Pattern::Separable(tables::fit_tables(picture)),
     };
     streak = streak.quantised();
-    let drawn = draw(&streak.pattern, picture.width, picture.height);
+    let mut drawn = draw(&streak.pattern, picture.width, picture.height);
+    // A window has to be found before anything can be fitted under it; where that went wrong, the picture's mean would be
+    // nearer than the fit, and its transform serves.
+    let flat = fourier::strongest(picture, 0).constant as f32;
+    let blank = Grey { pixels: vec![flat; picture.pixels.len()], ..*picture };
+    let joint = !matches!(settings.method, Method::Paper | Method::Fourier | Method::Separable);
+    if joint && quality::psnr_db(picture, &drawn) < quality::psnr_db(picture, &blank) {
+        streak.pattern = Pattern::Cosines(fourier::strongest(picture, settings.cosines));
+        streak = streak.quantised();
+        drawn = draw(&streak.pattern, picture.width, picture.height);
+    }
     streak.mean = integral(&streak.pattern) / (streak.body.width() * streak.body.length());
     streak.psnr_db = quality::psnr_db(picture, &drawn);
     streak.ssim = quality::ssim(picture, &drawn);

@@ -7,7 +7,10 @@ use std::f64::consts::PI;
 
 /// Henyey and Greenstein's function, 1/sr: (1−g²) / (4π (1 + g² − 2g cos θ)^{3/2}), for −1 < g < 1.
 pub fn henyey_greenstein(g: f64, cos_theta: f64) -> f64 {
-    let base = 1.0 + g * g - 2.0 * g * cos_theta;
+    // 1 + g² − 2g cos θ, in a form that keeps its digits at the peak of a narrow function.
+    let narrow = 1.0 - g.abs();
+    let base =
+        narrow * narrow + 2.0 * g.abs() * (1.0 - if g < 0.0 { -cos_theta } else { cos_theta }).max(0.0);
     (1.0 - g * g) / (4.0 * PI * base * libm::sqrt(base))
 }
 

@@ -24,7 +24,8 @@ fn tests_below(folder: &Path, names: &mut BTreeSet<String>) {
                 // A test of proptest! has its documentation between the attribute and the name.
                 let mut next = || lines.by_ref().find(|l| !(l.starts_with("#[") || l.starts_with("//")));
                 let name = if line == "#[test]" { next() } else { None };
-                let name = name.and_then(|line| line.strip_prefix("fn ")).and_then(|rest| rest.split('(').next());
+                let name =
+                    name.and_then(|line| line.strip_prefix("fn ")).and_then(|rest| rest.split('(').next());
                 names.extend(name.map(str::to_owned));
             }
         }

@@ -331,7 +331,8 @@ const BRIGHT: f32 = 1e9;
 fn units<P: Lanes, const M: usize>(direct: &[[P; M]]) -> [f32; 16] {
     let mut units = [1.0; 16];
     for (lane, unit) in units.iter_mut().enumerate().take(P::COUNT) {
-        let largest = direct.as_flattened().iter().fold(0.0f32, |most, value| most.max(value.lane(lane).abs()));
+        let largest =
+            direct.as_flattened().iter().fold(0.0f32, |most, value| most.max(value.lane(lane).abs()));
         if largest > 0.0 && largest.is_finite() && !(DIM..=BRIGHT).contains(&largest) {
             // 2^−exponent, within the range of normal numbers.
             let exponent = ((largest.to_bits() >> 23) as i32 - 127).clamp(-126, 126);

@@ -29,10 +29,6 @@ const GROUP: usize = 4;
 /// Most passes around a periodic plane. Light that runs almost along a thin plane goes round very often; what does not settle
 /// even so is missing from the energy balance.
 const MAX_WRAPS: usize = 1024;
-/// Passes between two guesses of where the inflow will settle.
-const GUESS_EVERY: usize = 16;
-/// Largest share of a pass's change that the next may keep in such a guess.
-const SLOWEST: f32 = 0.999_99;
 /// Change of a light's periodic inflow, relative to its largest value, that counts as settled.
 const WRAP_TOLERANCE: f32 = 1e-6;
 
@@ -343,15 +339,13 @@ fn reset<P: Copy>(faces: &mut Vec<P>, count: usize, value: P) {
 impl<P: Lanes, const M: usize> Plane<'_, P, M> {
     /// A plane whose sides are joined: repeats the plane until what enters equals what leaves, then tallies.
     ///
-    /// Every light settles on its own and then keeps its inflow. From time to time the inflow jumps to where its last two
-    /// changes, taken as two terms of a geometric series, say that it will end (Aitken).
+    /// Every light settles on its own and then keeps its inflow.
     #[inline(always)]
     fn settle<S: Simd, const O: usize>(&self, simd: S, buffers: &mut Faces<P>, result: &mut [[P; O]]) {
         let faces = self.start..self.start + self.sweeper.shape.slab_stride() * self.group.beams.len();
         let entering = buffers.z[faces.clone()].to_vec();
         let mut settled = [false; 16];
-        let mut before: Vec<P> = Vec::new();
-        for pass in 1..=MAX_WRAPS {
+        for _ in 0..MAX_WRAPS {
             buffers.inflow.clear();
             buffers.inflow.extend_from_slice(&buffers.x);
             buffers.inflow.extend_from_slice(&buffers.y);
@@ -365,18 +359,9 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
                 }
             }
             let leaving = buffers.x.iter_mut().chain(&mut buffers.y);
-            for (i, (old, new)) in buffers.inflow.iter().zip(leaving).enumerate() {
-                for lane in 0..P::COUNT {
-                    if settled[lane] {
-                        new.set_lane(lane, old.lane(lane));
-                    } else if pass % GUESS_EVERY == 0 {
-                        let (last, this) =
-                            (old.lane(lane) - before[i].lane(lane), new.lane(lane) - old.lane(lane));
-                        let kept = this / last;
-                        if kept > 0.0 && kept < SLOWEST {
-                            new.set_lane(lane, new.lane(lane) + this * kept / (1.0 - kept));
-                        }
-                    }
+            for (old, new) in buffers.inflow.iter().zip(leaving) {
+                for lane in (0..P::COUNT).filter(|&lane| settled[lane]) {
+                    new.set_lane(lane, old.lane(lane));
                 }
             }
             for lane in 0..P::COUNT {
@@ -384,10 +369,6 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
             }
             if settled[..P::COUNT].iter().all(|&done| done) {
                 break;
-            }
-            if (pass + 1) % GUESS_EVERY == 0 {
-                before.clear();
-                before.extend_from_slice(&buffers.inflow);
             }
         }
         self.sweep::<S, O, true>(simd, buffers, result);

@@ -20,7 +20,9 @@ fn coefficients_beyond_the_quantisers_range_are_kept_as_they_are() {
             for codec in [Codec::Bytes, Codec::Paper] {
                 let row = compress_row(&values, 2, codec, error);
                 let mut back = vec![0.0; 2 * CELLS];
-                for (channel, plane) in channels(&row.bytes, 2).unwrap().iter().zip(back.chunks_exact_mut(CELLS)) {
+                for (channel, plane) in
+                    channels(&row.bytes, 2).unwrap().iter().zip(back.chunks_exact_mut(CELLS))
+                {
                     accumulate(channel, codec, 1.0, plane).unwrap();
                 }
                 let norm = |f: &dyn Fn(usize) -> f64| (0..2 * CELLS).map(|i| f(i) * f(i)).sum::<f64>().sqrt();
@@ -28,7 +30,12 @@ fn coefficients_beyond_the_quantisers_range_are_kept_as_they_are() {
                 let all = norm(&|i| f64::from(values[i]));
                 assert!(off <= error * all * (1.0 + 1e-6), "{largest} {error} {codec:?}: {off} of {all}");
                 if codec == Codec::Bytes && largest >= 1e3 && (error - 1e-3).abs() < 1e-9 {
-                    println!("| {largest:e} | {error} | {} | {} | {:.2} |", row.kept, row.bytes.len(), off / (error * all));
+                    println!(
+                        "| {largest:e} | {error} | {} | {} | {:.2} |",
+                        row.kept,
+                        row.bytes.len(),
+                        off / (error * all)
+                    );
                 }
             }
         }
@@ -38,7 +45,18 @@ fn coefficients_beyond_the_quantisers_range_are_kept_as_they_are() {
 #[test]
 fn haar_of_any_size_gives_the_grid_back_and_keeps_its_energy() {
     println!("| size | largest error over largest value | energy − 1 |");
-    let sizes = [[1, 1, 1], [2, 1, 1], [1, 3, 1], [1, 1, 7], [5, 3, 2], [31, 17, 3], [33, 65, 5], [127, 1, 2], [97, 89, 3], [1, 1, 4097]];
+    let sizes = [
+        [1, 1, 1],
+        [2, 1, 1],
+        [1, 3, 1],
+        [1, 1, 7],
+        [5, 3, 2],
+        [31, 17, 3],
+        [33, 65, 5],
+        [127, 1, 2],
+        [97, 89, 3],
+        [1, 1, 4097],
+    ];
     for size in sizes {
         let shape = GridShape::new(size[0], size[1], size[2]);
         let (haar, mut scratch, mut random) = (Haar::new(shape), Vec::new(), Random::new(3));

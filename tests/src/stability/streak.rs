@@ -10,12 +10,17 @@ fn picture(width: usize, height: usize, light: impl Fn(usize, usize) -> f64) -> 
 }
 
 fn fit(picture: &Grey, method: Method) -> Result<StreakPattern, BakeError> {
-    streak::fit(&Source { file: Path::new("odd.png"), picture, notes: None }, FitSettings { method, cosines: 3 })
+    streak::fit(
+        &Source { file: Path::new("odd.png"), picture, notes: None },
+        FitSettings { method, cosines: 3 },
+    )
 }
 
 #[test]
 fn pictures_that_are_no_streaks_are_fitted_with_finite_numbers_by_every_method() {
-    let noise = |x: usize, y: usize| (squall_runtime::random::mix((x * 977 + y) as u64) >> 40) as f64 / (1u64 << 24) as f64;
+    let noise = |x: usize, y: usize| {
+        (squall_runtime::random::mix((x * 977 + y) as u64) >> 40) as f64 / (1u64 << 24) as f64
+    };
     let odd = [
         ("black but for one pixel", picture(12, 40, |x, y| f64::from(u8::from((x, y) == (0, 39))))),
         ("white but for one pixel", picture(12, 40, |x, y| f64::from(u8::from((x, y) != (5, 20))))),
@@ -30,10 +35,19 @@ fn pictures_that_are_no_streaks_are_fitted_with_finite_numbers_by_every_method()
     println!("| picture | dB: {} |", Method::ALL.map(|method| method.name()).join(", "));
     for (name, picture) in &odd {
         let found = Method::ALL.map(|method| {
-            let pattern = fit(picture, method).unwrap_or_else(|error| panic!("{name}, {}: {error}", method.name()));
+            let pattern =
+                fit(picture, method).unwrap_or_else(|error| panic!("{name}, {}: {error}", method.name()));
             let drawn = streak::draw(&pattern.pattern, picture.width, picture.height);
-            assert!(drawn.pixels.iter().all(|v| v.is_finite() && v.abs() < 16.0), "{name}, {}", method.name());
-            assert!(pattern.mean.is_finite() && pattern.psnr_db.is_finite() && pattern.ssim.is_finite(), "{name}, {}", method.name());
+            assert!(
+                drawn.pixels.iter().all(|v| v.is_finite() && v.abs() < 16.0),
+                "{name}, {}",
+                method.name()
+            );
+            assert!(
+                pattern.mean.is_finite() && pattern.psnr_db.is_finite() && pattern.ssim.is_finite(),
+                "{name}, {}",
+                method.name()
+            );
             assert_eq!(pattern, pattern.quantised());
             format!("{:.0}", pattern.psnr_db)
         });
@@ -45,7 +59,8 @@ fn pictures_that_are_no_streaks_are_fitted_with_finite_numbers_by_every_method()
 fn a_picture_whose_light_is_not_scaled_is_refused_and_told_how() {
     for peak in [1e-30, 1e-3, 0.1, 10.0, 1e30] {
         for method in Method::ALL {
-            let error = fit(&picture(12, 40, |x, y| if x > 3 && y > 9 { peak } else { 0.0 }), method).unwrap_err();
+            let error =
+                fit(&picture(12, 40, |x, y| if x > 3 && y > 9 { peak } else { 0.0 }), method).unwrap_err();
             assert!(error.to_string().contains("scaled to a peak of 1"), "{error}");
         }
     }
