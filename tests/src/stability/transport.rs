@@ -116,7 +116,7 @@ fn deep_slabs_transmit_as_diffusion_says_while_their_cells_are_thin() {
         assert!((up + down - 1.0).abs() < 5e-4, "{depth}");
         assert_close(report.deepest_cell, cell, 1e-5, "depth of a cell");
         let error = down / wanted - 1.0;
-        // Half the square of a cell's depth, over 4: what the tests of thinner cells promise.
+        // About a tenth of the square of a cell's depth, as second-order schemes err, and less in the deepest.
         assert!(
             if cell <= 0.25 { error.abs() < 0.015 } else { error > 0.0 && error < 0.3 * cell * cell },
             "{depth} {cell}: {error}"
@@ -269,7 +269,7 @@ fn raw_moments_of_a_peaked_phase_function_mislead_and_delta_scaled_ones_do_not()
             }
         }
     }
-    println!("worst: {worst:?}");
+    assert!(worst[0] < 0.25 && worst[1] > 1.0, "{worst:?}");
 }
 
 #[test]
