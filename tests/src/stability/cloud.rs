@@ -66,7 +66,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             &cloud,
             &Sources { lamps, distant: Vec::new() },
             &settings,
-            &[stroke.clone()],
+            std::slice::from_ref(&stroke),
             &Quiet,
         )
         .unwrap();
