@@ -55,6 +55,11 @@ impl Default for TruthSettings {
 /// Optical depth of a solve cell, after delta scaling and along its longest edge, that automatic refinement aims at: the
 /// reference scenes' fields and pictures then come out within a few per cent (docs/transport.md).
 const SUB_CELL_DEPTH: f64 = 0.3;
+/// Deepest solve cell, after delta scaling and along its SHORTEST edge, that automatic refinement puts up with: the light that
+/// a deep slab without absorption lets through is then half too much (docs/stability.md), and more beyond.
+const DEEPEST_SUB_CELL: f64 = 2.0;
+/// Share of the light that may be missing from a solve's books, or be too much in them, beside ten times its tolerance.
+const BALANCE: f64 = 0.01;
 /// Least automatic refinement, odd as all of them: a lamp in the middle of a cell then stands in the middle of a sub-cell, and not
 /// on the corner of eight, which averages its brightest light away.
 const LEAST_REFINEMENT: u32 = 3;
@@ -73,6 +78,14 @@ pub fn automatic_refinement(cloud: &Cloud) -> u32 {
     let fits = |&refine: &u32| cloud.shape.len() * (refine * refine * refine) as usize <= AUTOMATIC_CELLS;
     let odd = wanted.max(LEAST_REFINEMENT) | 1;
     (LEAST_REFINEMENT..=odd).rev().step_by(2).find(fits).unwrap_or(1)
+}
+
+/// Optical depth of the densest solve cell along its shortest edge when each is cut into `refine` parts, after delta scaling
+/// (degree 3).
+fn sub_cell_depth(cloud: &Cloud, refine: u32) -> f64 {
+    let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
+    let edge = cloud.cell_m.iter().fold(f64::INFINITY, |least, &e| least.min(e));
+    f64::from(densest) * edge * cloud.scaled(3).extinction_scale / f64::from(refine)
 }
 
 /// Rays for direct light, per boundary face of a solve grid and axis, where nobody chose: at least 2, and 8 to a face of the
@@ -126,6 +139,9 @@ pub struct TruthReport {
     pub direct_out_w: f64,
     /// (absorbed + leaving) / in − 1.
     pub energy_balance: f64,
+    /// Optical depth of the densest solve cell, after delta scaling and along its shortest edge: what deep parts let through is
+    /// right from .3 down, and a tenth too much at 1.
+    pub deepest_cell: f64,
 }
 
 /// Solves for one light.
@@ -134,8 +150,8 @@ pub struct TruthReport {
 /// function's convolution with itself; the rest by the Legendre series of its moments up to degree 3. Towards each
 /// of `directions` (unit vectors of travel) the direct part of J is collected ray by ray.
 ///
-/// Errors: settings out of range, a light that no ray can stand for, a residual above the tolerance after the allowed
-/// sweeps, an interruption.
+/// Errors: settings out of range, a light that no ray can stand for, cells too deep for automatic refinement, a residual above
+/// the tolerance after the allowed sweeps, light that gets lost or is made on the way, an interruption.
 pub fn solve_light(
     cloud: &Cloud,
     light: Light,
@@ -171,6 +187,15 @@ where
     f32: Solvable<M>,
 {
     let refine = if settings.refine == 0 { automatic_refinement(cloud) } else { settings.refine };
+    let depth = sub_cell_depth(cloud, refine);
+    if settings.refine == 0 && depth > DEEPEST_SUB_CELL {
+        let wanted = format!(
+            "solve cells at most {DEEPEST_SUB_CELL} deep after delta scaling, which takes cells of the scene {:.1} times \
+             smaller; --refine {refine} solves as they are, with fluxes through deep parts too large",
+            depth / DEEPEST_SUB_CELL
+        );
+        return Err(RuntimeError::argument("optical depth of a cell", wanted, format!("{depth:.3}")).into());
+    }
     let factors = [refine; 3];
     let most = MAX_SOLVE_BYTES / (9 * M * size_of::<f32>());
     let cells = factors.iter().try_fold(cloud.shape.len(), |cells, &f| cells.checked_mul(f as usize));
@@ -237,6 +262,16 @@ where
         .sum();
     let scattered_out: [f64; 6] = std::array::from_fn(|side| leak[side][0]);
     let out = absorbed + direct_out + scattered_out.iter().sum::<f64>();
+    let energy_balance = if power_in > 0.0 { out / power_in - 1.0 } else { 0.0 };
+    let allowed = BALANCE + 10.0 * tolerance;
+    if energy_balance.is_nan() || energy_balance.abs() > allowed {
+        return Err(BakeError::NotReached {
+            what: "transport solve".into(),
+            wanted: format!("energy in balance within {allowed}"),
+            reached: format!("{energy_balance:e}"),
+            hint: "cells of a periodic grid that are wider than a tenth of their height, or a smaller --tolerance, help".into(),
+        });
+    }
     Ok(Truth {
         cloud: cloud.clone(),
         parent: CoarseIndex::new(fine.shape, factors),
@@ -254,7 +289,8 @@ where
             absorbed_w: absorbed,
             scattered_out_w: scattered_out,
             direct_out_w: direct_out,
-            energy_balance: if power_in > 0.0 { out / power_in - 1.0 } else { 0.0 },
+            energy_balance,
+            deepest_cell: depth,
         },
         fine,
     })

@@ -99,6 +99,8 @@ fn square(value: f32) -> f64 {
 fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -> CompressedRow {
     // A threshold of 0 keeps all that is not zero; the step then has to be something else.
     let step = if codec == Codec::Bytes { threshold * STEP_PER_THRESHOLD } else { 0.0 };
+    // A step whose largest multiple is no number is none: coefficients that large are kept as they are.
+    let step = if (step * 127.0).is_finite() { step } else { 0.0 };
     let (mut heads, mut streams) = (Vec::new(), Vec::new());
     let (mut bounds, mut kept) = (Vec::new(), 0);
     let mut writer = StreamWriter::default();

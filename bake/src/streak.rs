@@ -74,9 +74,12 @@ pub fn fit_all(sources: &[Source], settings: FitSettings) -> Result<Vec<StreakPa
     sources.par_iter().map(|source| fit(source, settings)).collect()
 }
 
+/// Peaks that count as 1: every floor and every step of an asset is a share of it.
+const PEAKS: std::ops::RangeInclusive<f32> = 0.25..=4.0;
+
 /// Fits one picture.
 ///
-/// Errors: more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side, one without
+/// Errors: a peak that is far from 1, more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side, one without
 /// light or with light that is negative or not finite.
 pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, BakeError> {
     let picture = source.picture;
@@ -98,6 +101,10 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
     if !(whole && picture.pixels.iter().all(light) && picture.pixels.iter().any(|&light| light > 0.0)) {
         let wanted = "finite light, some of it above 0";
         return Err(BakeError::input(source.file, "picture", wanted, "none, or other numbers"));
+    }
+    let peak = picture.pixels.iter().fold(0.0f32, |most, &light| most.max(light));
+    if !PEAKS.contains(&peak) {
+        return Err(BakeError::input(source.file, "picture", "light scaled to a peak of 1", peak));
     }
     let mut name =
         source.file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
@@ -130,7 +137,17 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
         Method::Separable => Pattern::Separable(tables::fit_tables(picture)),
     };
     streak = streak.quantised();
-    let drawn = draw(&streak.pattern, picture.width, picture.height);
+    let mut drawn = draw(&streak.pattern, picture.width, picture.height);
+    // A window has to be found before anything can be fitted under it; where that went wrong, the picture's mean would be
+    // nearer than the fit, and its transform serves.
+    let flat = fourier::strongest(picture, 0).constant as f32;
+    let blank = Grey { pixels: vec![flat; picture.pixels.len()], ..*picture };
+    let joint = !matches!(settings.method, Method::Paper | Method::Fourier | Method::Separable);
+    if joint && quality::psnr_db(picture, &drawn) < quality::psnr_db(picture, &blank) {
+        streak.pattern = Pattern::Cosines(fourier::strongest(picture, settings.cosines));
+        streak = streak.quantised();
+        drawn = draw(&streak.pattern, picture.width, picture.height);
+    }
     streak.mean = integral(&streak.pattern) / (streak.body.width() * streak.body.length());
     streak.psnr_db = quality::psnr_db(picture, &drawn);
     streak.ssim = quality::ssim(picture, &drawn);

@@ -40,9 +40,10 @@ impl<'a> DepthBuffer<'a> {
         Ok(Self { width, height, kind, unknown: f64::INFINITY, metres })
     }
 
-    /// The same buffer with holes at `depth` (of the buffer's own kind) in place of sky.
+    /// The same buffer with holes at `depth` (of the buffer's own kind, from 0) in place of sky. A depth that is negative or no
+    /// number says nothing, and holes stay sky.
     pub fn with_unknown(mut self, depth: Metres) -> Self {
-        self.unknown = depth.0;
+        self.unknown = if depth.0 >= 0.0 { depth.0 } else { f64::INFINITY };
         self
     }
 

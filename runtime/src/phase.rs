@@ -7,7 +7,10 @@ use std::f64::consts::PI;
 
 /// Henyey and Greenstein's function, 1/sr: (1−g²) / (4π (1 + g² − 2g cos θ)^{3/2}), for −1 < g < 1.
 pub fn henyey_greenstein(g: f64, cos_theta: f64) -> f64 {
-    let base = 1.0 + g * g - 2.0 * g * cos_theta;
+    // 1 + g² − 2g cos θ, in a form that keeps its digits at the peak of a narrow function.
+    let narrow = 1.0 - g.abs();
+    let base =
+        narrow * narrow + 2.0 * g.abs() * (1.0 - if g < 0.0 { -cos_theta } else { cos_theta }).max(0.0);
     (1.0 - g * g) / (4.0 * PI * base * libm::sqrt(base))
 }
 
@@ -21,8 +24,12 @@ pub fn paper_henyey_greenstein(g: f64, cos_theta: f64) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub struct PreparedHg {
     scale: f32,
-    sum: f32,
+    /// (1 − |g|)²: the base at its peak.
+    narrow: f32,
+    /// 2|g|.
     twice: f32,
+    /// 1 for forward scattering, −1 for backward.
+    sign: f32,
 }
 
 impl PreparedHg {
@@ -30,17 +37,19 @@ impl PreparedHg {
     pub fn new(g: f64) -> Self {
         Self {
             scale: ((1.0 - g * g) / (4.0 * PI)) as f32,
-            sum: (1.0 + g * g) as f32,
-            twice: (2.0 * g) as f32,
+            narrow: ((1.0 - g.abs()) * (1.0 - g.abs())) as f32,
+            twice: (2.0 * g.abs()) as f32,
+            sign: if g < 0.0 { -1.0 } else { 1.0 },
         }
     }
 
     /// The function's value, 1/sr.
     #[inline(always)]
     pub fn value(self, cos_theta: f32) -> f32 {
-        // The base is (1−g)² at least; round-off must not carry it below.
-        let base = (self.sum - self.twice * cos_theta).max(1e-12);
-        self.scale / (base * base.sqrt())
+        // 1 + g² − 2g cos θ = (1 − |g|)² + 2|g| (1 ∓ cos θ): at the peak of a narrow function the first form is a difference
+        // of numbers near 2. A cosine that round-off carried beyond 1 counts as 1.
+        let base = self.narrow + self.twice * (1.0 - self.sign * cos_theta).max(0.0);
+        self.scale / (base * base.sqrt()).max(f32::MIN_POSITIVE)
     }
 }
 

@@ -193,9 +193,7 @@ impl Rain {
             return Err(RuntimeError::argument(
                 "rain",
                 format!("a shot that searches at most {} drops and {MOST_CELLS} cells", self.most_drops),
-                format!(
-                    "{drops:.3e} drops in {cells:.3e} cells; raise min_px, shorten the exposure or widen the lens"
-                ),
+                format!("{drops:.3e} drops in {cells:.3e} cells; {}", self.nearest(shot, weather)),
             ));
         }
         let relative = |v: DVec3| DVec3::new(v.dot(camera.right), v.dot(camera.up), v.dot(camera.forward));
@@ -236,6 +234,31 @@ impl Rain {
             streaks.extend_from_slice(&task.found);
         }
         Ok(streaks)
+    }
+
+    /// What would make a shot possible that asks for too much.
+    fn nearest(&self, shot: &Shot, weather: &Weather) -> String {
+        let possible = |min_px: f64| {
+            let shot = Shot { min_px, ..*shot };
+            let (mut drops, mut cells) = (0.0, 0.0);
+            for (index, class) in self.classes.iter().enumerate() {
+                let (Ok(search), Ok(view)) =
+                    (Search::new(self.seed, index, class, &shot, weather), shot.view())
+                else {
+                    return false;
+                };
+                let [work_drops, work_cells] = search.work(&view);
+                drops += work_drops;
+                cells += work_cells;
+            }
+            drops <= self.most_drops && cells <= MOST_CELLS
+        };
+        // Steps of a fifth: near enough for a hint.
+        let longer = (1..60).map(|step| shot.min_px * libm::pow(1.2, f64::from(step)));
+        match longer.take_while(|px| *px < shot.max_px).find(|px| possible(*px)) {
+            Some(px) => format!("raise min_px to {px:.0}, shorten the exposure or widen the lens"),
+            None => "raise min_px and max_px, shorten the exposure or widen the lens".into(),
+        }
     }
 
     fn check_weather(&self, shot: &Shot, weather: &Weather) -> Result<(), RuntimeError> {

@@ -276,6 +276,9 @@ pub fn split_lamps(head: &ResponseHead, lamps: &[LampPoint]) -> Result<Vec<Sourc
     Ok(buffers.weights)
 }
 
+/// Largest radiant intensity of a point, W/sr: times any row's light it stays within single precision.
+const BRIGHTEST: f64 = 1e25;
+
 fn split_into(
     head: &ResponseHead,
     lamps: &[LampPoint],
@@ -284,7 +287,12 @@ fn split_into(
     buffers.parts.clear();
     buffers.weights.clear();
     for lamp in lamps {
-        let parts = nodes_around(&head.sources, lamp.position).filter(|_| lamp.intensity.is_finite());
+        // Written so that NaN is refused too.
+        if lamp.intensity.abs().partial_cmp(&BRIGHTEST).is_none_or(|order| order.is_gt()) {
+            let wanted = format!("at most {BRIGHTEST:e} W/sr");
+            return Err(RuntimeError::argument("lamp intensity", wanted, lamp.intensity));
+        }
+        let parts = nodes_around(&head.sources, lamp.position);
         let shares = parts.iter().flatten().filter(|(_, share)| *share > 0.0);
         let before = buffers.parts.len();
         buffers

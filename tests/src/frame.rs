@@ -16,7 +16,7 @@ use std::sync::OnceLock;
 const SIZE: [u32; 2] = [96, 64];
 
 /// A small storm: a ball of cloud 3 km away, a stroke in it and one below, rain; baked once for all tests here.
-fn sections() -> &'static [OutSection] {
+pub(crate) fn sections() -> &'static [OutSection] {
     static BAKED: OnceLock<Vec<OutSection>> = OnceLock::new();
     BAKED.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
@@ -71,7 +71,7 @@ fn write_scene(folder: &Path) {
     std::fs::write(folder.join("ball.json"), scene).unwrap();
 }
 
-fn asset(sections: &[OutSection]) -> Asset {
+pub(crate) fn asset(sections: &[OutSection]) -> Asset {
     let mut bytes = Vec::new();
     container::write(&mut bytes, sections).unwrap();
     Asset::from_bytes(&bytes).unwrap()

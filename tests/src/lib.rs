@@ -64,6 +64,8 @@ mod rain_picture;
 #[cfg(test)]
 mod scenery;
 #[cfg(test)]
+mod stability;
+#[cfg(test)]
 mod streaks;
 #[cfg(test)]
 mod transport;

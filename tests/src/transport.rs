@@ -104,7 +104,7 @@ fn collisions_lie_at_the_mean_squared_distance_of_the_closed_form() {
 }
 
 /// A ragged cloud: lumps of very different extinction with empty cells between them.
-pub fn ragged(albedo: f64, g: f64) -> Cloud {
+pub(crate) fn ragged(albedo: f64, g: f64) -> Cloud {
     let shape = GridShape::new(12, 9, 7);
     let mut random = squall_runtime::random::Random::new(11);
     let extinction = (0..shape.len())
@@ -159,7 +159,7 @@ fn a_white_furnace_is_uniform() {
 }
 
 /// A plane-parallel slab as one periodic column of `layers` cells.
-fn slab(layers: u32, depth: f64, albedo: f64, g: f64) -> Cloud {
+pub(crate) fn slab(layers: u32, depth: f64, albedo: f64, g: f64) -> Cloud {
     let thickness = 1.0;
     Cloud {
         shape: GridShape::new(1, 1, layers),
@@ -173,7 +173,7 @@ fn slab(layers: u32, depth: f64, albedo: f64, g: f64) -> Cloud {
 }
 
 /// Reflectance and diffuse transmittance of a slab under a beam with cosine μ0.
-fn slab_fluxes(cloud: &Cloud, mu0: f64, high_degree: bool) -> (f64, f64) {
+pub(crate) fn slab_fluxes(cloud: &Cloud, mu0: f64, high_degree: bool) -> (f64, f64) {
     let direction = DVec3::new((1.0 - mu0 * mu0).sqrt(), 0.0, -mu0);
     let mut settings = settings(1, Quadrature::DoubleGauss { polar: 8, azimuths: 16 });
     settings.high_degree = high_degree;

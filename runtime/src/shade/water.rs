@@ -13,6 +13,9 @@ pub const WATER: f32 = 1.333;
 /// Refractive index of window glass.
 pub const GLASS: f32 = 1.52;
 
+/// Slope below which a surface counts as no smoother: its highlight is then narrower than the sun's disc.
+const SMOOTHEST: f32 = 1e-3;
+
 /// Share of unpolarised light that a plane water surface reflects, in [0.02, 1]; `cosine` of the angle between
 /// ray and normal, in [0, 1].
 pub fn water_reflectance(cosine: f32) -> f32 {
@@ -41,7 +44,8 @@ pub fn rippled_highlight(normal: Vec3, to_light: Vec3, to_eye: Vec3, slope: f32)
     }
     let sum = to_light + to_eye;
     let (squared, height) = (sum.length_squared(), normal.dot(sum));
-    // tan² of the facet's tilt over 2σ²: beyond e⁻²⁵ nothing shows.
+    // tan² of the facet's tilt over 2σ²: beyond e⁻²⁵ nothing shows. Water without ripples has a highlight without size.
+    let slope = slope.max(SMOOTHEST);
     let spread = 2.0 * slope * slope;
     let tilt = (squared / (height * height) - 1.0) / spread;
     if tilt > 25.0 {

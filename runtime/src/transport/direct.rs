@@ -103,20 +103,9 @@ impl<'a> Tracer<'a> {
         self.walk(ray.origin, ray.direction, start, stop, |cell, length, extinction| {
             let depth = extinction * length;
             let (open_sum, scaled_sum);
-            if depth > 0.02 {
-                let (next_open, next_scaled) = (open * exp_neg(depth), scaled * exp_neg(scale * depth));
-                open_sum = (open - next_open) / extinction;
-                scaled_sum = (scaled - next_scaled) / (scale * extinction);
-                (open, scaled) = (next_open, next_scaled);
-            } else {
-                // (1 − e^−x)/x by its series: the difference above would lose its digits.
-                let mean = |x: f32| 1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0));
-                let gone = |x: f32| 1.0 - x * (1.0 - x * (0.5 - x / 6.0));
-                open_sum = open * length * mean(depth);
-                scaled_sum = scaled * length * mean(scale * depth);
-                open *= gone(depth);
-                scaled *= gone(scale * depth);
-            }
+            (open_sum, open) = chord(open, depth, extinction, length);
+            // Where nearly all scattering is forward the scaled depth is small in cells that are deep: its own branch.
+            (scaled_sum, scaled) = chord(scaled, scale * depth, scale * extinction, length);
             tally.chord(cell, power * open_sum, power * scaled_sum);
             scaled > 1e-13
         });
@@ -303,6 +292,20 @@ impl<'a> Tracer<'a> {
                 }
             }
         }
+    }
+}
+
+/// ∫ e^{−τ} ds along a chord of optical depth `depth` on which a share `share` of the light arrives, and the share that leaves.
+#[inline(always)]
+fn chord(share: f32, depth: f32, extinction: f32, length: f32) -> (f32, f32) {
+    if depth > 0.02 {
+        let left = share * exp_neg(depth);
+        ((share - left) / extinction, left)
+    } else {
+        // (1 − e^−x)/x by its series: the difference above would lose its digits.
+        let mean = 1.0 - depth * (0.5 - depth * (1.0 / 6.0 - depth / 24.0));
+        let left = 1.0 - depth * (1.0 - depth * (0.5 - depth / 6.0));
+        (share * length * mean, share * left)
     }
 }
 

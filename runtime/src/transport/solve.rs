@@ -233,10 +233,11 @@ impl<const M: usize> Solver<M> {
         let count = self.cells.extinction.len();
         assert_eq!(direct.len(), count);
         buffers.reset(count);
+        let units = units(direct);
         for (cell, (to, from)) in buffers.direct.iter_mut().zip(direct).enumerate() {
             let root = self.root(cell);
             for m in 0..M {
-                to[m] = P::from_fn(|lane| from[m].lane(lane) * root[m]);
+                to[m] = P::from_fn(|lane| from[m].lane(lane) * units[lane] * root[m]);
             }
         }
         let mut sweeps = 0;
@@ -274,7 +275,21 @@ impl<const M: usize> Solver<M> {
         }
         gathered.clear();
         gathered.resize(count, [P::splat(0.0); GATHERED]);
-        let left = run(self.settings.level, Gather { solver: self, buffers, gathered, leak });
+        let mut own: Leak = std::array::from_fn(|_| vec![0.0; P::COUNT]);
+        let counted = if leak.is_some() { Some(&mut own) } else { None };
+        let left = run(self.settings.level, Gather { solver: self, buffers, gathered, leak: counted });
+        if let Some(leak) = leak {
+            for (sums, own) in leak.iter_mut().zip(&own) {
+                for lane in 0..P::COUNT {
+                    sums[lane] += own[lane] / f64::from(units[lane]);
+                }
+            }
+        }
+        if units[..P::COUNT].iter().any(|&unit| unit != 1.0) {
+            for value in gathered.as_flattened_mut() {
+                *value = P::from_fn(|lane| value.lane(lane) / units[lane]);
+            }
+        }
         let lanes = left.iter().zip(scale.unwrap_or_default()).map(|(&left, scale)| {
             let residual = if scale == 0.0 { 0.0 } else { left / scale };
             LaneReport { residual, converged: residual <= self.settings.tolerance }
@@ -304,6 +319,27 @@ impl<const M: usize> Solver<M> {
         let root = self.cells.root_scattering[cell];
         std::array::from_fn(|m| root * self.root_moments[degree_of(m)])
     }
+}
+
+/// Light within these bounds is solved for as it is: neither it nor its square leaves the range of single precision, after a
+/// fall by many powers of ten.
+const DIM: f32 = 1e-9;
+const BRIGHT: f32 = 1e9;
+
+/// Per lane, the power of two by which its light is multiplied while it is solved for: norms are sums of squares, and those of
+/// a very dim light are zero, as if there were nothing left to solve. 1 within [`DIM`] to [`BRIGHT`]; exact in every case.
+fn units<P: Lanes, const M: usize>(direct: &[[P; M]]) -> [f32; 16] {
+    let mut units = [1.0; 16];
+    for (lane, unit) in units.iter_mut().enumerate().take(P::COUNT) {
+        let largest =
+            direct.as_flattened().iter().fold(0.0f32, |most, value| most.max(value.lane(lane).abs()));
+        if largest > 0.0 && largest.is_finite() && !(DIM..=BRIGHT).contains(&largest) {
+            // 2^−exponent, within the range of normal numbers.
+            let exponent = ((largest.to_bits() >> 23) as i32 - 127).clamp(-126, 126);
+            *unit = f32::from_bits(((127 - exponent) as u32) << 23);
+        }
+    }
+    units
 }
 
 /// The largest residual over its goal.

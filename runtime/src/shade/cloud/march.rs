@@ -92,7 +92,8 @@ impl MarchedCloud<'_> {
             return NOTHING;
         }
         let fine = self.billow.map_or(f32::INFINITY, |size| size / STEPS_PER_BILLOW);
-        let fine = fine.min(cell.min_element() / STEPS_PER_CELL);
+        // A step that is lost in the distance's last digits would not end.
+        let fine = fine.min(cell.min_element() / STEPS_PER_CELL).max(4.0 * f32::EPSILON * far);
         let albedo = self.cloud.albedo as f32;
         let (mut light, mut open, mut mean, mut seen) = (Vec3::ZERO, 1.0f32, 0.0f32, 0.0f32);
         let mut at = near;
