@@ -31,35 +31,13 @@ pub const CHARTS: [(&str, &str); 7] = [
     ("rain-frame", "What does rain cost a frame?"),
 ];
 
-/// A measure of error or cost, with its unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Metric {
-    /// Its name with the unit.
-    pub name: &'static str,
-    /// Whether more is better, as of a PSNR.
-    pub more_is_better: bool,
-}
+/// Measures of likeness, of which more is better; of all others less is. They are read on an even scale, the others on a
+/// logarithmic one.
+const LIKENESS: [&str; 2] = [streaks::PSNR, streaks::SSIM];
 
-impl Metric {
-    /// A measure of which less is better.
-    pub const fn less(name: &'static str) -> Self {
-        Self { name, more_is_better: false }
-    }
-
-    /// A measure of which more is better.
-    pub const fn more(name: &'static str) -> Self {
-        Self { name, more_is_better: true }
-    }
-
-    /// Whether figures of this kind are read on a logarithmic scale.
-    pub fn logarithmic(name: &str) -> bool {
-        !(name.contains("dB") || name.contains("SSIM"))
-    }
-
-    /// Whether more of the measure called `name` is better.
-    pub fn rises(name: &str) -> bool {
-        name.contains("dB") || name.contains("SSIM")
-    }
+/// Whether more of the measure called `name` is better.
+pub fn rises(name: &str) -> bool {
+    LIKENESS.contains(&name)
 }
 
 /// Median, 10th and 90th percentile of a cost.
@@ -123,7 +101,7 @@ pub struct Point {
     /// What errors are measured against.
     pub truth: String,
     /// Errors.
-    pub errors: Vec<(Metric, f64)>,
+    pub errors: Vec<(&'static str, f64)>,
     /// Costs.
     pub costs: Vec<(&'static str, Cost)>,
     /// Bytes in the asset.
@@ -137,15 +115,15 @@ pub struct Point {
 impl Point {
     fn rows(&self, chart: &str, pairs: &[(&str, &str)], rows: &mut Vec<Row>) {
         for &(error_name, cost_name) in pairs {
-            let error = self.errors.iter().find(|(metric, _)| metric.name == error_name);
+            let error = self.errors.iter().find(|(name, _)| *name == error_name);
             let cost = self.costs.iter().find(|(name, _)| *name == cost_name);
-            let (Some((metric, error)), Some((_, cost))) = (error, cost) else { continue };
+            let (Some((_, error)), Some((_, cost))) = (error, cost) else { continue };
             rows.push(Row {
                 chart: chart.into(),
                 series: self.series.clone(),
                 setting: self.setting.clone(),
                 truth: self.truth.clone(),
-                error_metric: metric.name.into(),
+                error_metric: error_name.into(),
                 error: *error,
                 cost_metric: cost_name.into(),
                 cost_median: cost.median,
@@ -201,15 +179,19 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Row>, Bake
 
 /// Marks in every panel (chart, truth, error and cost measure) the points that no other point beats or equals in both.
 fn mark_front(rows: &mut [Row]) {
-    let key =
-        |row: &Row| (row.chart.clone(), row.truth.clone(), row.error_metric.clone(), row.cost_metric.clone());
+    let same = |a: &Row, b: &Row| {
+        a.error_metric == b.error_metric
+            && a.cost_metric == b.cost_metric
+            && a.truth == b.truth
+            && a.chart == b.chart
+    };
     // Larger is worse, whatever the measure.
-    let badness = |row: &Row| if Metric::rises(&row.error_metric) { -row.error } else { row.error };
+    let badness = |row: &Row| if rises(&row.error_metric) { -row.error } else { row.error };
     for at in 0..rows.len() {
-        let (mine, error, cost) = (key(&rows[at]), badness(&rows[at]), rows[at].cost_median);
+        let (error, cost) = (badness(&rows[at]), rows[at].cost_median);
         let beaten = rows.iter().enumerate().any(|(other, row)| {
             other != at
-                && key(row) == mine
+                && same(row, &rows[at])
                 && badness(row) <= error
                 && row.cost_median <= cost
                 && (badness(row) < error || row.cost_median < cost || other < at)

@@ -158,6 +158,20 @@ pub fn solve_rows(
     Ok(SolvedRows { head, planes, tests, sweeps })
 }
 
+/// Strokes with their truth: each solved directly, in the same way as rows are.
+///
+/// Errors: as [`bake_response`].
+pub fn solve_tests(
+    cloud: &Cloud,
+    settings: &ResponseSettings,
+    strokes: &[Vec<LampPoint>],
+    progress: &dyn Progress,
+) -> Result<Vec<TestStroke>, BakeError> {
+    let lamps = LampGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
+    let sources = Sources { lamps, distant: Vec::new() };
+    Ok(solve_rows(cloud, &sources, settings, strokes, None, progress)?.tests)
+}
+
 impl SolvedRows {
     /// The response that these rows make in `channels`, coded so that each source is off by at most `relative_error`, and what
     /// it keeps. Test strokes come along in the same channels.

@@ -87,11 +87,16 @@ impl<'a> Trial<'a> {
         Ok(Self { cloud, solved, lamps: wanted, distant })
     }
 
+    /// Codes the rows.
+    pub fn encode(&self, channels: ChannelBasis, codec: Codec, error: f64) -> BakedResponse {
+        self.solved.encode(channels, codec, error)
+    }
+
     /// Codes the rows and judges them by the strokes.
     ///
     /// Errors: none that rows solved here bring about.
     pub fn code(&self, channels: ChannelBasis, codec: Codec, error: f64) -> Result<Outcome, BakeError> {
-        let coded = self.solved.encode(channels, codec, error);
+        let coded = self.encode(channels, codec, error);
         let (tried, tests) = (coded.rows.rows.len().max(1), coded.tests.clone());
         // The head names every node of the grid, solved or not; index, bounds and rows grow with the rows.
         let head = meta::encode(&coded.head).len() as u64;

@@ -5,7 +5,7 @@ use super::SAFETY;
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::response::judge::compare;
-use crate::response::{LampGrid, ResponseSettings, Sources, bake_response};
+use crate::response::{ResponseSettings, solve_tests};
 use squall_formats::section::provenance::BudgetRecord;
 use squall_runtime::relight::LampPoint;
 use squall_runtime::transport::Cloud;
@@ -58,12 +58,10 @@ pub fn choose_solver(
     let solve = |refine: u32, quadrature: Quadrature| -> Result<Vec<Vec<f32>>, BakeError> {
         let solve = SolveSettings { quadrature, ..settings.solve };
         let settings = ResponseSettings { refine, solve, ..*settings };
-        let lamps = LampGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
-        let sources = Sources { lamps, distant: Vec::new() };
-        let baked = bake_response(cloud, &sources, &settings, &strokes, &crate::progress::Quiet)?;
+        let tests = solve_tests(cloud, &settings, &strokes, &crate::progress::Quiet)?;
         progress.advance(1);
         progress.check()?;
-        Ok(baked.tests.into_iter().map(|test| test.truth).collect())
+        Ok(tests.into_iter().map(|test| test.truth).collect())
     };
     let (_, refine, _, quadrature) = candidates[candidates.len() - 1];
     let truth = solve(refine, quadrature)?;

@@ -1,7 +1,7 @@
 //! Chart `density`: how far looked-up counts are off, against the table's bytes and the time of a lookup.
 
 use super::clock::seconds;
-use super::{Cost, Metric, Point, Sweep};
+use super::{Cost, Point, Sweep};
 use crate::density::{DensitySpec, bake_density, solve_counts};
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -11,12 +11,12 @@ use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
 use squall_runtime::density::lookup_counts_into;
 use squall_runtime::random::Random;
 
-const ERROR: Metric = Metric::less("count of drops, mean relative error");
-const WORST: Metric = Metric::less("count of drops, largest relative error");
+const ERROR: &str = "count of drops, mean relative error";
+const WORST: &str = "count of drops, largest relative error";
 const BYTES: &str = "table, bytes";
 const TIME: &str = "lookup, ns";
 
-pub const PAIRS: &[(&str, &str)] = &[(WORST.name, BYTES), (WORST.name, TIME), (ERROR.name, BYTES)];
+pub const PAIRS: &[(&str, &str)] = &[(WORST, BYTES), (WORST, TIME), (ERROR, BYTES)];
 
 const SEED: u64 = 1;
 const REPEATS: usize = 11;
@@ -55,6 +55,9 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         let (mut sum, mut worst) = (0.0, 0.0f64);
         for ((view, rate), found) in questions.iter().zip(totals) {
             let wanted = solve_counts(Mode::Default, &[span], view, *rate)?[0];
+            if wanted == 0.0 {
+                continue;
+            }
             let error = (found / wanted - 1.0).abs();
             sum += error;
             worst = worst.max(error);
@@ -62,7 +65,10 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         points.push(Point {
             series,
             setting,
-            truth: "quadrature over diameters, measured fall speeds".into(),
+            truth: format!(
+                "quadrature over drops of {} to {} mm, measured fall speeds",
+                span[0].0, span[1].0
+            ),
             errors: vec![(ERROR, sum / questions.len() as f64), (WORST, worst)],
             costs: vec![(BYTES, Cost::exact(bytes as f64)), (TIME, cost.times(1e9 / questions.len() as f64))],
             bytes: Some(bytes),

@@ -3,7 +3,8 @@
 
 use super::clock::seconds;
 use super::scene::{ChartScene, chart_scene};
-use super::{Cost, Metric, Point, Sweep};
+use super::{Cost, Point, Sweep};
+use crate::cloud::automatic_samples;
 use crate::error::BakeError;
 use crate::monte_carlo::{ChanceSettings, solve_by_chance};
 use crate::progress::{Progress, Quiet};
@@ -12,20 +13,21 @@ use crate::response::{LampGrid, ResponseSettings, Sources, bake_response};
 use crate::storm::clouds::place_lamps;
 use crate::trial::{asset_of, touched};
 use glam::DVec3;
-use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
 use squall_formats::units::{Degrees, Radians};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::frame::camera_of;
-use squall_runtime::relight::{LampPoint, Relighter};
+use squall_runtime::live::LiveSolver;
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::direct::Light;
 
-const RMSE: Metric = Metric::less("picture, relative RMSE");
+const RMSE: &str = "picture, relative RMSE";
 const TIME: &str = "a flash, CPU ms";
 const RELIGHT: &str = "of it relighting or solving, CPU ms";
 const BYTES: &str = "response, bytes";
 
-pub const PAIRS: &[(&str, &str)] = &[(RMSE.name, TIME), (RMSE.name, RELIGHT), (RMSE.name, BYTES)];
+pub const PAIRS: &[(&str, &str)] = &[(RMSE, TIME), (RMSE, RELIGHT), (RMSE, BYTES)];
 
 /// Points of light that stand for a stroke, in the truth and in what is judged.
 const LAMPS: usize = 4;
@@ -47,19 +49,29 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         100.0 * noise
     );
     let side = (cloud.far_corner() - cloud.origin_m).max_element();
-    let own = if clouds.lamps.spacing_m > 0.0 { clouds.lamps.spacing_m } else { side / 12.0 };
+    let own = scene.spacing_m;
     let steps: &[f64] = if task.quick { &[1.0] } else { &[2.0, 1.41, 1.0, 0.71, 0.5, 0.35, 0.25] };
-    let kinds = [
-        ("baked, 16 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 3 }),
-        ("baked, 4 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 1 }),
-        ("paper: 26 directions, direct light baked", DirectTerm::InRows, ChannelBasis::Directions26),
+    let usual = scene.settings.codec;
+    let mut kinds = vec![
+        ("baked, 16 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 3 }, usual),
+        ("baked, 4 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 1 }, usual),
+        (
+            "paper: direct light baked, 26 directions",
+            DirectTerm::InRows,
+            ChannelBasis::Directions26,
+            Codec::Paper,
+        ),
     ];
+    let mine = (scene.settings.direct, scene.settings.channels, usual);
+    if !kinds.iter().any(|&(_, direct, channels, codec)| (direct, channels, codec) == mine) {
+        kinds.push(("baked, the recipe's channels", mine.0, mine.1, mine.2));
+    }
     let refinements: &[u32] = if task.quick { &[1] } else { &[1, 2, 3] };
     let tolerances: &[f64] = if task.quick { &[1e-2] } else { &[0.3, 0.1, 3e-2, 1e-2, 1e-3] };
     progress
         .begin("chart end-to-end", (kinds.len() * steps.len() + refinements.len() * tolerances.len()) as u64);
     let mut points = Vec::new();
-    for (series, direct, channels) in kinds {
+    for (series, direct, channels, codec) in kinds {
         for &step in steps {
             progress.check()?;
             progress.advance(1);
@@ -68,7 +80,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             let wanted = touched(&grid, &[lamps.clone()]);
             let all = if grid.wanted.is_empty() { grid.len() } else { crate::trial::count(&grid.wanted) };
             let tried = crate::trial::count(&wanted);
-            let settings = ResponseSettings { direct, channels, ..clouds.response };
+            let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
             let grid = LampGrid { wanted, ..grid };
             let mut point = flash(&scene, grid, &settings, &lamps, &camera, &truth)?;
             point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
@@ -78,9 +90,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             point.series = series.into();
             point.setting = format!("{series}, lamps {spacing_m:.0} m apart");
             point.truth = words.clone();
-            point.chosen =
-                step == 1.0 && direct == clouds.response.direct && channels == clouds.response.channels;
-            point.baseline = direct == DirectTerm::InRows;
+            point.chosen = step == 1.0 && (direct, channels, codec) == mine;
+            point.baseline = direct == DirectTerm::InRows && codec == Codec::Paper;
             points.push(point);
         }
     }
@@ -92,7 +103,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                 direct: DirectTerm::AtRunTime,
                 channels: ChannelBasis::Harmonics { degree: 0 },
                 refine,
-                ..clouds.response
+                ..scene.settings
             };
             settings.solve.tolerance = tolerance;
             // One lamp far from the stroke: nothing of it is baked, so all of it is solved for.
@@ -125,19 +136,39 @@ fn flash(
     let (done, cost) =
         seconds(REPEATS, || relight(&relighter, stroke, ("camera", camera), None, false, &Quiet));
     let (fields, report) = done?;
+    let inner = match report.live {
+        Some(_) => {
+            let solver = LiveSolver::new(&scene.cloud, &relighter.response().head.solver)?;
+            let samples = automatic_samples(settings.refine);
+            let solve = || solver.solve(&solver.direct(stroke, &[], samples), &mut |_| true);
+            let (done, cost) = seconds(REPEATS, solve);
+            done?;
+            cost
+        }
+        None => {
+            let mut buffers = RelightBuffers::default();
+            let mut relight = || -> Result<(), BakeError> {
+                relighter.relight(stroke, RelightOptions::default(), &mut buffers)?;
+                Ok(())
+            };
+            relight()?;
+            let (done, cost) = seconds(4 * REPEATS, relight);
+            done?;
+            cost
+        }
+    };
     let image = &fields.images[0].2.mean;
     let (mut square, mut size) = (0.0, 0.0);
     for (&x, &r) in image.iter().zip(truth) {
         square += f64::from(x - r) * f64::from(x - r);
         size += f64::from(r) * f64::from(r);
     }
-    let inner = report.live.map_or(report.relight_ms, |live| 1e3 * live.seconds);
     Ok(Point {
         series: String::new(),
         setting: String::new(),
         truth: String::new(),
         errors: vec![(RMSE, libm::sqrt(square / size))],
-        costs: vec![(TIME, cost.times(1e3)), (RELIGHT, Cost::exact(inner))],
+        costs: vec![(TIME, cost.times(1e3)), (RELIGHT, inner.times(1e3))],
         bytes: Some(bytes),
         chosen: false,
         baseline: false,

@@ -1,23 +1,23 @@
 //! Chart `lightning-grid`: how far a stroke split over virtual lamps is off the same stroke solved directly, against lamps and bytes.
 
 use super::clock::seconds;
-use super::scene::chart_scene;
-use super::{Cost, Metric, Point, Sweep};
+use super::scene::{ChartScene, chart_scene};
+use super::{Cost, Point, Sweep};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
-use crate::response::ResponseSettings;
-use crate::storm::clouds::{place_lamps, reach_of, strokes_for};
+use crate::response::{LampGrid, ResponseSettings, solve_tests};
+use crate::storm::clouds::{place_lamps, strokes_for};
 use crate::trial::Trial;
-use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
+use squall_runtime::relight::LampPoint;
 
-const L2: Metric = Metric::less("stroke L2 over 26 directions");
-const MEDIAN: Metric = Metric::less("stroke, median pointwise");
+const L2: &str = "stroke L2 over 26 directions";
+const MEDIAN: &str = "stroke, median pointwise";
 const LAMPS: &str = "lamps";
 const BYTES: &str = "response, bytes";
 const BAKE: &str = "bake, CPU s";
 
-pub const PAIRS: &[(&str, &str)] =
-    &[(L2.name, LAMPS), (L2.name, BYTES), (MEDIAN.name, BYTES), (L2.name, BAKE)];
+pub const PAIRS: &[(&str, &str)] = &[(L2, LAMPS), (L2, BYTES), (MEDIAN, BYTES), (L2, BAKE)];
 
 /// Bytes of solved rows at which finer lamps are left out.
 const MOST_BYTES: usize = 1 << 31;
@@ -26,44 +26,54 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let most = if task.quick { 1 << 10 } else { 1 << 14 };
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(Vec::new()) };
     let (clouds, cloud) = (scene.clouds, &scene.cloud);
-    let side = {
-        let [low, high] = reach_of(task.recipe, clouds, cloud);
-        (high - low).max_element()
-    };
-    let own = if clouds.lamps.spacing_m > 0.0 { clouds.lamps.spacing_m } else { side / 12.0 };
     let steps: &[f64] = if task.quick { &[2.0, 1.0] } else { &[4.0, 2.83, 2.0, 1.41, 1.0, 0.71, 0.5, 0.35] };
-    let kinds = [
-        ("direct light at run time", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 3 }, false),
+    let own = (scene.settings.direct, scene.settings.channels);
+    let mut kinds = vec![
+        ("16 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 3 }, scene.settings.codec),
+        ("4 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 1 }, scene.settings.codec),
         (
-            "direct light at run time, 4 channels",
-            DirectTerm::AtRunTime,
-            ChannelBasis::Harmonics { degree: 1 },
-            false,
+            "paper: direct light in 26 directions",
+            DirectTerm::InRows,
+            ChannelBasis::Directions26,
+            Codec::Paper,
         ),
-        ("paper: direct light in the rows", DirectTerm::InRows, ChannelBasis::Directions26, true),
     ];
-    let count = if task.quick { 2 } else { 6 };
-    progress.begin("chart lightning-grid", (kinds.len() * steps.len()) as u64);
+    if !kinds.iter().any(|&(_, direct, channels, codec)| {
+        (direct, channels, codec) == (own.0, own.1, scene.settings.codec)
+    }) {
+        kinds.push(("the recipe's channels", own.0, own.1, scene.settings.codec));
+    }
+    let grids = steps.iter().map(|step| place_lamps(task.recipe, clouds, cloud, scene.spacing_m * step));
+    let grids = grids.collect::<Result<Vec<LampGrid>, _>>()?;
+    let strokes = common_strokes(task, &scene, &grids, if task.quick { 2 } else { 6 });
+    if strokes.is_empty() {
+        return Ok(Vec::new());
+    }
+    progress.begin("chart lightning-grid", (kinds.len() * (steps.len() + 1)) as u64);
     let mut points = Vec::new();
-    for (series, direct, channels, baseline) in kinds {
-        for &step in steps {
+    for (series, direct, channels, codec) in kinds {
+        progress.check()?;
+        let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+        let tests = solve_tests(cloud, &settings, &strokes, &Quiet)?;
+        progress.advance(1);
+        for (&step, lamps) in steps.iter().zip(&grids) {
             progress.check()?;
             progress.advance(1);
-            let spacing_m = own * step;
-            let lamps = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
-            let strokes = strokes_for(task.recipe, clouds, cloud, &lamps, spacing_m, 0..count);
-            if strokes.is_empty() || Trial::bytes(&lamps, &strokes, channels, cloud) > MOST_BYTES {
+            if Trial::bytes(lamps, &strokes, channels, cloud) > MOST_BYTES {
                 continue;
             }
-            let settings = ResponseSettings { direct, channels, ..clouds.response };
-            let solve = || Trial::new(cloud, &lamps, 0, &settings, &strokes, None, &Quiet);
-            let (trial, cost) = seconds(1, solve);
-            let trial = trial?;
-            let outcome = trial.code(channels, settings.codec, settings.relative_error)?;
+            let error = settings.relative_error;
+            let (done, cost) = seconds(1, || -> Result<_, BakeError> {
+                let trial = Trial::new(cloud, lamps, 0, &settings, &strokes, Some(&tests), &Quiet)?;
+                let coded = trial.encode(channels, codec, error);
+                Ok((trial, coded))
+            });
+            let (trial, _) = done?;
+            let outcome = trial.code(channels, codec, error)?;
             let share = trial.lamps as f64 / trial.rows().max(1) as f64;
             points.push(Point {
                 series: series.into(),
-                setting: format!("{spacing_m:.0} m apart, {} lamps", trial.lamps),
+                setting: format!("{:.0} m apart, {} lamps", scene.spacing_m * step, trial.lamps),
                 truth: format!("{}: {} unseen strokes, each solved directly", scene.words, strokes.len()),
                 errors: vec![(L2, outcome.verdict.stroke.l2), (MEDIAN, outcome.verdict.stroke.median)],
                 costs: vec![
@@ -73,12 +83,31 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                     (BAKE, cost.times(share)),
                 ],
                 bytes: Some(outcome.bytes),
-                chosen: step == 1.0
-                    && direct == clouds.response.direct
-                    && channels == clouds.response.channels,
-                baseline,
+                chosen: step == 1.0 && (direct, channels) == own && codec == scene.settings.codec,
+                baseline: direct == DirectTerm::InRows && codec == Codec::Paper,
             });
         }
     }
     Ok(points)
+}
+
+/// Strokes of the finest lamps, with the points alone that all lamps reach: every grid is judged by the same light.
+fn common_strokes(
+    task: &Sweep<'_>,
+    scene: &ChartScene<'_>,
+    grids: &[LampGrid],
+    count: usize,
+) -> Vec<Vec<LampPoint>> {
+    let Some(finest) = grids.last() else { return Vec::new() };
+    let spacing = finest.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let spacing = if spacing.is_finite() { spacing } else { scene.spacing_m };
+    let strokes = strokes_for(task.recipe, scene.clouds, &scene.cloud, finest, spacing, 0..count);
+    let reached = |grid: &LampGrid, point: &LampPoint| {
+        grid.around(point.position)
+            .is_some_and(|nodes| grid.wanted.is_empty() || nodes.iter().all(|&node| grid.wanted[node]))
+    };
+    let common = |stroke: Vec<LampPoint>| -> Vec<LampPoint> {
+        stroke.into_iter().filter(|point| grids.iter().all(|grid| reached(grid, point))).collect()
+    };
+    strokes.into_iter().map(common).filter(|stroke| !stroke.is_empty()).collect()
 }

@@ -1,8 +1,11 @@
 //! The recipe's cloud as charts sweep it: the same optics on fewer cells, so that a sweep of a hundred settings ends.
 
+use crate::budget::clouds::{Margins, choose};
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
+use crate::progress::Quiet;
 use crate::recipe::{Clouds, Recipe};
+use crate::response::ResponseSettings;
 use glam::DVec3;
 use squall_formats::GridShape;
 use squall_runtime::relight::LampPoint;
@@ -17,6 +20,10 @@ pub struct ChartScene<'a> {
     pub cloud: Cloud,
     /// How it came about, in words.
     pub words: String,
+    /// The recipe's own distance between lamps on this cloud, m: stated, usual or chosen by its budget.
+    pub spacing_m: f64,
+    /// The recipe's own way to solve and store, likewise.
+    pub settings: ResponseSettings,
 }
 
 /// The recipe's cloud on at most `most` cells: blocks of cells become one of their mean extinction. `None` without clouds.
@@ -43,7 +50,9 @@ pub fn chart_scene(recipe: &Recipe, most: usize) -> Result<Option<ChartScene<'_>
     } else {
         format!("the recipe's cloud on {nx} × {ny} × {nz} cells")
     };
-    Ok(Some(ChartScene { clouds, cloud, words }))
+    let all = Margins { errors: 1.0, bytes: 1.0 };
+    let choice = choose(recipe, clouds, &cloud, all, &Quiet)?;
+    Ok(Some(ChartScene { clouds, cloud, words, spacing_m: choice.spacing_m, settings: choice.settings }))
 }
 
 /// Blocks of cells as one cell of their mean extinction; what a block has beyond the grid is empty, as everything outside is.

@@ -1,7 +1,7 @@
 //! Chart `streaks`: how like its picture a pattern is, against cosines, bytes and the time to draw a pixel.
 
 use super::clock::seconds;
-use super::{Cost, Metric, Point, Sweep};
+use super::{Cost, Point, Sweep};
 use crate::error::BakeError;
 use crate::input::picture::{Grey, read_grey};
 use crate::progress::Progress;
@@ -10,14 +10,13 @@ use squall_formats::section::streak::{StreakPattern, StreakSection};
 use squall_runtime::shade::streak::{Kernel, Scratch, StreakSet, Tile};
 use std::path::PathBuf;
 
-const PSNR: Metric = Metric::more("PSNR, dB");
-const SSIM: Metric = Metric::more("SSIM");
+pub const PSNR: &str = "PSNR, dB";
+pub const SSIM: &str = "SSIM";
 const COSINES: &str = "cosines a pattern";
 const BYTES: &str = "bytes a pattern";
 const TIME: &str = "draw, ns a pixel";
 
-pub const PAIRS: &[(&str, &str)] =
-    &[(PSNR.name, COSINES), (PSNR.name, BYTES), (PSNR.name, TIME), (SSIM.name, BYTES)];
+pub const PAIRS: &[(&str, &str)] = &[(PSNR, COSINES), (PSNR, BYTES), (PSNR, TIME), (SSIM, BYTES)];
 
 /// The paper's numbers of cosines: usual and for the quickest. [weber]
 const PAPER: [usize; 2] = [6, 3];
@@ -32,13 +31,20 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     if let Some(rain) = &task.recipe.rain
         && !rain.pictures.is_empty()
     {
-        let most = if task.quick { 2 } else { 4 };
-        // Spread over the list; the smaller half, as large ones say the same and take minutes.
-        let step = (rain.pictures.len() / most).max(1);
-        let files: Vec<PathBuf> = rain.pictures.iter().step_by(step).take(most).cloned().collect();
+        let most = if task.quick { 1 } else { 3 };
+        // Evenly spread over the list: all of them say the same and take an hour.
+        let step = rain.pictures.len().div_ceil(most);
+        let files: Vec<PathBuf> = rain.pictures.iter().step_by(step).cloned().collect();
         sets.push((format!("{} of the recipe's pictures", files.len()), files));
     }
-    let counts: &[usize] = if task.quick { &[3, 6] } else { &[0, 1, 2, 3, 4, 6, 9, 12, 18, 24] };
+    let mut counts = if task.quick { vec![3, 6] } else { vec![0, 1, 3, 6, 12, 24] };
+    if let Some(rain) = &task.recipe.rain
+        && rain.psnr_db.is_none()
+    {
+        counts.push(rain.fit.cosines);
+        counts.sort_unstable();
+        counts.dedup();
+    }
     progress.begin("chart streaks", (sets.len() * Method::ALL.len() * counts.len()) as u64);
     let mut points = Vec::new();
     for (truth, files) in &sets {
@@ -47,11 +53,11 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             .map(|file| Ok((file, read_grey(file)?)))
             .collect::<Result<Vec<(&PathBuf, Grey)>, BakeError>>()?;
         for method in Method::ALL {
-            for &cosines in counts {
+            for (number, &cosines) in counts.iter().enumerate() {
                 progress.check()?;
                 progress.advance(1);
                 // Tables have no terms: one setting is all there is.
-                if method == Method::Separable && cosines != 6 {
+                if method == Method::Separable && number > 0 {
                     continue;
                 }
                 let sources: Vec<Source> =
@@ -61,7 +67,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                     patterns.iter().map(value).sum::<f64>() / patterns.len() as f64
                 };
                 let chosen = task.recipe.rain.as_ref().is_some_and(|rain| {
-                    rain.psnr_db.is_none() && rain.fit == FitSettings { method, cosines }
+                    let same = rain.fit.cosines == cosines || method == Method::Separable;
+                    rain.psnr_db.is_none() && rain.fit.method == method && same
                 });
                 let terms = mean(&|p| p.pattern.terms() as f64);
                 let bytes = mean(&|p| p.stored_bytes() as f64);

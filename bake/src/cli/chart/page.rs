@@ -39,7 +39,7 @@ pub fn page(how: &str, figures: &[Figure<'_>]) -> String {
 fn table(rows: &[&Row]) -> String {
     let mut text =
         format!("<details><summary>The same as a table: {} rows</summary><div><table>", rows.len());
-    text.push_str("<thead><tr><th>setting</th><th>against</th><th>error</th><th></th><th>cost</th><th></th>");
+    text.push_str("<thead><tr><th>series</th><th>setting</th><th>against</th><th>error</th><th></th><th>cost</th><th></th>");
     text.push_str("<th>10th to 90th percentile</th><th>marks</th></tr></thead><tbody>");
     for row in rows {
         let marks: Vec<&str> = [(row.pareto, "front"), (row.chosen, "chosen"), (row.baseline, "paper")]
@@ -48,7 +48,8 @@ fn table(rows: &[&Row]) -> String {
             .collect();
         let _ = write!(
             text,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td>{} to {}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td>{} to {}</td><td>{}</td></tr>",
+            escaped(&row.series),
             escaped(&row.setting),
             escaped(&row.truth),
             escaped(&row.error_metric),

@@ -6,7 +6,7 @@ use plotters::coord::combinators::BindKeyPoints;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::coord::{Shift, cartesian::Cartesian2d};
 use plotters::prelude::*;
-use squall_bake::chart::{Metric, Row};
+use squall_bake::chart::{Row, rises};
 use std::fmt::Write;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -17,6 +17,8 @@ const HEAD: u32 = 46;
 const MARGIN: u32 = 14;
 /// Right of the plot, for the names of the series.
 const LEGEND: u32 = 250;
+/// Longest name in a legend, characters; the pointer and the table have all of it.
+const MOST_NAME: usize = 34;
 /// A panel with more of the papers' points than this leaves their names to the pointer.
 const MOST_LABELS: usize = 4;
 const INK: RGBColor = RGBColor(32, 32, 36);
@@ -114,16 +116,18 @@ fn ends(values: impl Iterator<Item = f64>, logarithmic: bool) -> (f64, f64) {
 
 fn draw_panel(panel: &Panel<'_>, area: &Area<'_>, marks: &mut String) -> anyhow::Result<()> {
     // Counts that begin at nothing are drawn on an even scale.
-    let costs_rise = panel.rows.iter().all(|row| row.cost_median > 0.0);
-    let errors_rise = Metric::logarithmic(panel.error);
+    let costs_rise = panel.rows.iter().all(|row| row.cost_p10 > 0.0);
+    let errors_rise = !rises(panel.error);
     let (x0, x1) = ends(panel.rows.iter().flat_map(|row| [row.cost_p10, row.cost_p90]), costs_rise);
     let (y0, y1) = ends(panel.rows.iter().map(|row| row.error), errors_rise);
+    // What has no error at all stands on a logarithmic panel's floor.
+    let floor = if errors_rise { y0 } else { f64::NEG_INFINITY };
     let rising = |low: f64, high: f64| (low..high).log_scale().with_key_points(ticks(low, high));
     match (costs_rise, errors_rise) {
-        (true, true) => plot(panel, area, rising(x0, x1), rising(y0, y1), marks),
-        (true, false) => plot(panel, area, rising(x0, x1), y0..y1, marks),
-        (false, true) => plot(panel, area, x0..x1, rising(y0, y1), marks),
-        (false, false) => plot(panel, area, x0..x1, y0..y1, marks),
+        (true, true) => plot(panel, area, rising(x0, x1), rising(y0, y1), floor, marks),
+        (true, false) => plot(panel, area, rising(x0, x1), y0..y1, floor, marks),
+        (false, true) => plot(panel, area, x0..x1, rising(y0, y1), floor, marks),
+        (false, false) => plot(panel, area, x0..x1, y0..y1, floor, marks),
     }
 }
 
@@ -142,7 +146,14 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     all.filter(|tick| (low..=high).contains(tick)).collect()
 }
 
-fn plot<X, Y>(panel: &Panel<'_>, area: &Area<'_>, x: X, y: Y, marks: &mut String) -> anyhow::Result<()>
+fn plot<X, Y>(
+    panel: &Panel<'_>,
+    area: &Area<'_>,
+    x: X,
+    y: Y,
+    floor: f64,
+    marks: &mut String,
+) -> anyhow::Result<()>
 where
     X: AsRangedCoord<Value = f64>,
     X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
@@ -176,7 +187,7 @@ where
         .draw()
         .map_err(failed)?;
     let whole = chart.plotting_area();
-    draw_front(panel, whole)?;
+    draw_front(panel, floor, whole)?;
     let mut names: Vec<&str> = Vec::new();
     for row in &panel.rows {
         if !names.contains(&row.series.as_str()) {
@@ -189,20 +200,23 @@ where
         let mut mine: Vec<&Row> = panel.rows.iter().filter(|row| row.series == *name).copied().collect();
         mine.sort_by(|a, b| a.cost_median.total_cmp(&b.cost_median));
         let dots: Vec<&Row> = mine.iter().filter(|row| row.error.is_finite()).copied().collect();
-        let line = dots.iter().map(|row| (row.cost_median, row.error));
+        let line = dots.iter().map(|row| (row.cost_median, row.error.max(floor)));
         whole.draw(&PathElement::new(line.collect::<Vec<_>>(), color.stroke_width(2))).map_err(failed)?;
         for row in &mine {
-            draw_point(row, color, whole, marks)?;
+            draw_point(row, color, floor, whole, marks)?;
             if row.baseline && few && row.error.is_finite() {
-                name_point(&row.setting, (row.cost_median, row.error), whole)?;
+                name_point(&row.setting, (row.cost_median, row.error.max(floor)), whole)?;
             }
         }
         // The legend stands in the margin, in pixels of the panel.
-        let (_, right) = (whole.get_x_axis_pixel_range(), whole.get_x_axis_pixel_range().end);
+        let right = whole.get_x_axis_pixel_range().end;
         let (left, top) = (right + 14 - area.get_base_pixel().0, 34 + 19 * index as i32);
         area.draw(&Rectangle::new([(left, top), (left + 12, top + 12)], color.filled())).map_err(failed)?;
         let text = ("sans-serif", 13).into_font().color(&INK);
-        let shown: String = name.chars().take(34).collect();
+        let mut shown: String = name.chars().take(MOST_NAME).collect();
+        if name.chars().count() > MOST_NAME {
+            shown.push('…');
+        }
         area.draw(&Text::new(shown, (left + 18, top + 1), text)).map_err(failed)?;
     }
     Ok(())
@@ -211,13 +225,17 @@ where
 type Plot<'a, X, Y> = DrawingArea<SVGBackend<'a>, Cartesian2d<X, Y>>;
 
 /// The Pareto front, broad and pale behind everything: what is reached at a cost stays reached beyond it.
-fn draw_front<X, Y>(panel: &Panel<'_>, area: &Plot<'_, X, Y>) -> anyhow::Result<()>
+fn draw_front<X, Y>(panel: &Panel<'_>, floor: f64, area: &Plot<'_, X, Y>) -> anyhow::Result<()>
 where
     X: Ranged<ValueType = f64>,
     Y: Ranged<ValueType = f64>,
 {
-    let mut front: Vec<(f64, f64)> =
-        panel.rows.iter().filter(|row| row.pareto).map(|row| (row.cost_median, row.error)).collect();
+    let mut front: Vec<(f64, f64)> = panel
+        .rows
+        .iter()
+        .filter(|row| row.pareto)
+        .map(|row| (row.cost_median, row.error.max(floor)))
+        .collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut steps: Vec<(f64, f64)> = Vec::new();
     for point in front {
@@ -233,6 +251,7 @@ where
 fn draw_point<X, Y>(
     row: &Row,
     color: RGBColor,
+    floor: f64,
     area: &Plot<'_, X, Y>,
     marks: &mut String,
 ) -> anyhow::Result<()>
@@ -256,8 +275,8 @@ where
         mark(marks, row, (x, (range_y.start + range_y.end) / 2));
         return Ok(());
     }
-    let at = (row.cost_median, row.error);
-    let spread = vec![(row.cost_p10, row.error), (row.cost_p90, row.error)];
+    let at = (row.cost_median, row.error.max(floor));
+    let spread = vec![(row.cost_p10, at.1), (row.cost_p90, at.1)];
     area.draw(&PathElement::new(spread, color.mix(0.6).stroke_width(1))).map_err(failed)?;
     let style = if row.baseline { color.stroke_width(2) } else { color.filled() };
     area.draw(&Circle::new(at, 4, style)).map_err(failed)?;
@@ -281,10 +300,13 @@ where
 
 /// What a pointer finds at a point.
 fn mark(marks: &mut String, row: &Row, (x, y): (i32, i32)) {
-    let mut words = format!("{}\n{}: {}", row.setting, row.error_metric, figure(row.error));
+    let mut words = format!("{}\n{}\n{}: {}", row.series, row.setting, row.error_metric, figure(row.error));
     let _ = write!(words, "\n{}: {}", row.cost_metric, figure(row.cost_median));
     if row.cost_p10 != row.cost_p90 {
         let _ = write!(words, " ({} to {})", figure(row.cost_p10), figure(row.cost_p90));
+    }
+    if let Some(bytes) = row.bytes {
+        let _ = write!(words, "\n{bytes} bytes");
     }
     for (is, word) in [
         (row.pareto, "on the Pareto front"),
