@@ -50,9 +50,10 @@ fn an_asset_does_not_differ_from_itself() {
 
 #[test]
 fn coarser_coding_shows_as_another_section_budget_and_distance_of_about_its_size() {
-    /// What the coarser response may be off, L2; each row's error is below it, and rows of one stroke add up in squares at
-    /// worst as they are.
+    /// What the coarser response may be off, L2: each row's error is below it, and rows of one stroke do not add up to more.
     const CODED: f64 = 0.1;
+    /// What it is off at least, of that: coding uses up its budget but for the steps of its threshold.
+    const USED: f64 = 0.1;
     let (code, out, error) = run(&bake(CODED), fine(), true);
     assert_eq!(code, 1);
     assert!(error.contains("sections differ"), "{error}");
@@ -62,10 +63,33 @@ fn coarser_coding_shows_as_another_section_budget_and_distance_of_about_its_size
     assert!(tags.contains(&"CLRT") && tags.contains(&"PROV") && !tags.contains(&"CLDG"), "{tags:?}");
     let part = json["parts"].as_array().unwrap().iter().find(|p| p["part"] == "CLRT").unwrap();
     let l2 = part["value"].as_f64().unwrap();
-    assert!(l2 > 0.1 * CODED && l2 < 1.1 * CODED, "{l2}");
+    assert!(l2 > USED * CODED && l2 < 1.1 * CODED, "{l2}");
     assert!(
         json["budgets"].as_array().unwrap().iter().any(|b| b["name"].as_str().unwrap().contains("relit L2"))
     );
+}
+
+#[test]
+fn an_asset_without_light_is_not_called_near() {
+    let sections = fine();
+    let dark: Vec<OutSection> = sections
+        .iter()
+        .map(|section| {
+            let mut section = section.clone();
+            if section.tag.to_string() == "CLDG" {
+                // The bulk of the grid: extinction, f32.
+                let head = section.head_length as usize;
+                let mut bytes: Vec<u8> = section.parts.concat();
+                bytes[head..].fill(0);
+                section.parts = vec![bytes];
+            }
+            section
+        })
+        .collect();
+    let (code, out, error) = run(sections, &dark, false);
+    assert_eq!(code, 1, "{error}");
+    let line = out.lines().find(|line| line.starts_with("CLDG") && line.contains("relative L2")).unwrap();
+    assert!(line.contains("inf"), "{line}");
 }
 
 #[test]

@@ -121,6 +121,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
         }
     }
     println!("chosen {chosen} bytes, cheapest {cheapest}");
+    assert!(cheapest < u64::MAX, "no setting at all meets the budget");
     assert!(chosen as f64 <= BEYOND * cheapest as f64, "{chosen} bytes, the cheapest {cheapest}");
 }
 
@@ -157,8 +158,56 @@ fn bytes_bind_where_they_are_asked_for() {
     let lines = format!("[clouds.response]\ntest_strokes = 6\n\n[clouds.budget]\nbytes = {MOST}\n");
     let asset = baked(&recipe(folder.path(), &lines));
     let used = response_bytes(&asset);
+    let records = records(&asset);
+    let record = records.iter().find(|r| r.metric == "bytes").unwrap();
+    assert_eq!((record.asked, record.got), (Some(MOST as f64), used as f64), "{record:?}");
+    assert!(record.next_cheaper.is_some(), "{record:?}");
     // The estimate is made from some rows; what is left unused must not be most of it.
     assert!(used <= MOST && used > MOST / 3, "{used}");
+}
+
+#[test]
+fn an_error_and_bytes_asked_together_are_both_kept_or_refused_with_the_best_there_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = |bytes: u64| format!("{}bytes = {bytes}\n", budget(0.25));
+    let free = response_bytes(&baked(&recipe(folder.path(), &budget(0.25))));
+    let asset = baked(&recipe(folder.path(), &lines(2 * free)));
+    assert!(response_bytes(&asset) <= 2 * free);
+    let records = records(&asset);
+    assert!(records.iter().filter(|r| r.asked.is_some()).all(|r| r.got <= r.asked.unwrap()), "{records:?}");
+    let error = bake(&recipe(folder.path(), &lines(1200)), &Quiet).map(|_| ()).unwrap_err();
+    assert!(error.exit_code() == 1 && error.to_string().contains("allow more bytes"), "{error}");
+}
+
+#[test]
+fn a_budget_that_nothing_could_judge_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let refused = |lines: &str, word: &str| {
+        let path = folder.path().join("refused.toml");
+        std::fs::write(&path, format!("[clouds]\nscene = \"cloud.json\"\n{lines}")).unwrap();
+        let error = Recipe::read(&path).unwrap_err();
+        assert!(error.exit_code() == 3 && error.to_string().contains(word), "{error}");
+    };
+    refused("[clouds.response]\ntest_strokes = 0\n[clouds.budget]\nstroke_l2 = 0.1\n", "test_strokes");
+    refused("[clouds.lightning]\nprune = true\n", "[[strokes]]");
+}
+
+#[test]
+fn a_stroke_without_light_bakes_like_any_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let stroke = |name: &str, intensity: f64| {
+        format!(
+            "[[strokes]]\nname = \"{name}\"\nseed = 1\nfrom_m = [-100.0, 0.0, 700.0]\nto_m = [100.0, 0.0, 560.0]\n\
+             intensity_W_per_sr = {intensity:.1}\n"
+        )
+    };
+    let lines = format!(
+        "[clouds.lightning]\nspacing_m = 120.0\nprune = true\n[clouds.response]\ntest_strokes = 2\n{}{}",
+        stroke("dark", 0.0),
+        stroke("lit", 1e6)
+    );
+    assert!(response_bytes(&baked(&recipe(folder.path(), &lines))) > 0);
 }
 
 #[test]
