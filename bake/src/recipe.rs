@@ -3,6 +3,7 @@
 //! A recipe is TOML. Unknown keys are errors that name the nearest known one, numbers are checked with file, line and
 //! column, and nothing outside the sections that it has is baked.
 
+mod clouds;
 mod file;
 mod place;
 mod view;
@@ -14,7 +15,7 @@ use crate::input::read_text;
 use crate::input::scene::{Optics, read_scene};
 use crate::response::ResponseSettings;
 use crate::streak::FitSettings;
-pub use file::parse_directions;
+pub use clouds::parse_directions;
 pub use place::RecipeError;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::response::DistantKind;

@@ -5,16 +5,20 @@
 //! with the same solver, they say what splitting a stroke over lamps costs; relit from the very bytes that ship, they say
 //! what compression costs.
 
+pub mod directions;
 pub mod judge;
 pub mod lamps;
+mod solved;
 pub mod unseen;
 
-use crate::compress::{CompressedRow, compress_row};
+use crate::compress::compress_row;
 use crate::error::BakeError;
 use crate::progress::Progress;
+pub use directions::{add_direct, in_26_directions};
 use glam::DVec3;
 pub use lamps::{LampGrid, LampSpacing, lamp_grid};
 use rayon::prelude::*;
+pub use solved::SolvedRows;
 use squall_formats::haar::Haar;
 use squall_formats::section::response::{
     ChannelBasis, Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
@@ -102,18 +106,6 @@ struct Batch<R> {
     rows: Vec<(R, Option<Vec<f32>>)>,
 }
 
-/// Rows solved and Haar-transformed, not yet coded: what compression is tried on.
-pub struct SolvedRows {
-    /// Head of a response in these channels, coded by nothing yet.
-    pub head: ResponseHead,
-    /// Coefficients of every row, one plane a channel.
-    pub planes: Vec<Vec<f32>>,
-    /// Test strokes.
-    pub tests: Vec<TestStroke>,
-    /// Sweeps times sixteen lamps.
-    pub sweeps: u64,
-}
-
 /// Bakes the rows of all wanted nodes, and behind them those of distant light.
 ///
 /// `strokes` are judged, not baked for. Errors: a solve that does not converge, settings out of range, an interruption.
@@ -170,37 +162,6 @@ pub fn solve_tests(
     let lamps = LampGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
     let sources = Sources { lamps, distant: Vec::new() };
     Ok(solve_rows(cloud, &sources, settings, strokes, None, progress)?.tests)
-}
-
-impl SolvedRows {
-    /// The response that these rows make in `channels`, coded so that each source is off by at most `relative_error`, and what
-    /// it keeps. Test strokes come along in the same channels.
-    ///
-    /// Panics when `channels` holds more than was solved for.
-    pub fn encode(&self, channels: ChannelBasis, codec: Codec, relative_error: f64) -> BakedResponse {
-        let cells = self.head.shape.len();
-        let length = channels.count() * cells;
-        let code =
-            |planes: &Vec<f32>| compress_row(&planes[..length], channels.count(), codec, relative_error);
-        let coded: Vec<CompressedRow> = self.planes.par_iter().map(code).collect();
-        let (mut rows, mut kept) = (ResponseRows::default(), 0);
-        for row in coded {
-            kept += row.kept;
-            rows.bounds.extend_from_slice(&row.bounds);
-            rows.rows.push(row.bytes);
-        }
-        let cut = |test: &TestStroke| {
-            let uncompressed = test.uncompressed.iter().take(length).copied().collect();
-            TestStroke { uncompressed, ..test.clone() }
-        };
-        BakedResponse {
-            head: ResponseHead { channels, codec, ..self.head.clone() },
-            rows,
-            tests: self.tests.iter().map(cut).collect(),
-            kept,
-            sweeps: self.sweeps,
-        }
-    }
 }
 
 /// Solves all rows; each goes through `finish` on the thread that solved it and then, in row order, to `take`.
@@ -526,41 +487,4 @@ impl Context<'_> {
             .collect();
         solved.into_iter().collect()
     }
-}
-
-/// Adds `factor` times direct light, given in the 26 directions, to channels; harmonics take its projection, which the set's
-/// degree of 7 makes exact as far as the harmonics reach.
-pub fn add_direct(basis: ChannelBasis, towards: &[f32], factor: f32, planes: &mut [f32]) {
-    let cells = towards.len() / 26;
-    let (directions, weights) = (sphere::directions_26(), sphere::weights_26());
-    for (cell, values) in towards.chunks_exact(26).enumerate() {
-        match basis {
-            ChannelBasis::Directions26 => {
-                for (channel, value) in values.iter().enumerate() {
-                    planes[channel * cells + cell] += factor * value;
-                }
-            }
-            ChannelBasis::Harmonics { .. } => {
-                for (d, value) in values.iter().enumerate() {
-                    let harmonics = sphere::harmonics(directions[d]);
-                    let weight = 4.0 * std::f64::consts::PI * weights[d];
-                    for channel in 0..basis.count() {
-                        planes[channel * cells + cell] +=
-                            factor * ((weight * harmonics[channel]) as f32 * value);
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Harmonic coefficients, 16 a cell, to values in the 26 directions, 26 a cell.
-pub fn in_26_directions(coefficients: &[f32]) -> Vec<f32> {
-    let basis: Vec<[f32; MAX_HARMONICS]> =
-        sphere::directions_26().iter().map(|&d| sphere::harmonics(d).map(|v| v as f32)).collect();
-    let mut out = Vec::with_capacity(coefficients.len() / MAX_HARMONICS * 26);
-    for values in coefficients.chunks_exact(MAX_HARMONICS) {
-        out.extend(basis.iter().map(|b| b.iter().zip(values).map(|(x, y)| x * y).sum::<f32>()));
-    }
-    out
 }

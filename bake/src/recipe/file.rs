@@ -1,26 +1,23 @@
 //! The recipe's text as it is typed, and its way to a checked [`Recipe`].
 
+use super::clouds::{CloudsFile, parse_directions};
 use super::place::Source;
 use super::view::ViewFile;
-use super::{Clouds, Lamps, Rain, Recipe, RecipeError};
-use crate::budget::clouds::{CloudBudget, Given};
+use super::{Clouds, Rain, Recipe, RecipeError};
 use crate::density::DensitySpec;
 use crate::error::BakeError;
-use crate::input::scene::{Optics, beside};
-use crate::response::ResponseSettings;
+use crate::input::scene::beside;
 use crate::streak::{FitSettings, Method};
 use serde::Deserialize;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::density::Ranges;
-use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm, DistantKind, SweepScheme};
 use squall_formats::section::view::ViewSection;
 use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::SolveSettings;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
-type Number = Spanned<f64>;
+pub(super) type Number = Spanned<f64>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,111 +40,6 @@ struct TownFile {
 #[serde(deny_unknown_fields)]
 struct ViewAlone {
     view: Spanned<ViewFile>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CloudsFile {
-    scene: Spanned<PathBuf>,
-    kappa_per_m: Option<Number>,
-    albedo: Option<Number>,
-    g: Option<Number>,
-    #[serde(default)]
-    lightning: LightningFile,
-    #[serde(default)]
-    transport: TransportFile,
-    #[serde(default)]
-    response: ResponseFile,
-    #[serde(default)]
-    budget: BudgetFile,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct BudgetFile {
-    stroke_l2: Option<Number>,
-    relit_l2: Option<Number>,
-    solver_l2: Option<Number>,
-    bytes: Option<Number>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct LightningFile {
-    low_m: Option<Spanned<[f64; 3]>>,
-    high_m: Option<Spanned<[f64; 3]>>,
-    spacing_m: Option<Number>,
-    epsilon_per_m2: Option<Number>,
-    longest_m: Option<Number>,
-    prune: Option<bool>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct TransportFile {
-    directions: Option<Spanned<String>>,
-    scheme: Option<SchemeName>,
-    delta_m: Option<bool>,
-    refine: Option<Number>,
-    samples: Option<Number>,
-    tolerance: Option<Number>,
-    max_sweeps: Option<Number>,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum SchemeName {
-    Weighted,
-    Diamond,
-    Step,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct ResponseFile {
-    channels: Option<ChannelsName>,
-    direct: Option<DirectName>,
-    codec: Option<CodecName>,
-    error: Option<Number>,
-    distant: Option<Vec<DistantName>>,
-    sun_direction: Option<Spanned<[f64; 3]>>,
-    test_strokes: Option<Number>,
-    seen_only: Option<bool>,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-enum ChannelsName {
-    #[serde(rename = "directions-26")]
-    Directions26,
-    #[serde(rename = "harmonics-0")]
-    Harmonics0,
-    #[serde(rename = "harmonics-1")]
-    Harmonics1,
-    #[serde(rename = "harmonics-2")]
-    Harmonics2,
-    #[serde(rename = "harmonics-3")]
-    Harmonics3,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum DirectName {
-    Rows,
-    RunTime,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum CodecName {
-    Bytes,
-    Paper,
-}
-
-#[derive(Clone, Copy, Deserialize, PartialEq)]
-#[serde(rename_all = "kebab-case")]
-enum DistantName {
-    UpperSky,
-    LowerSky,
 }
 
 #[derive(Default, Deserialize)]
@@ -271,7 +163,7 @@ pub(super) fn read_view(path: &Path, text: &str, strokes: &[String]) -> Result<V
 
 impl Source<'_> {
     /// `value` if it lies in [low, high], or `default`.
-    fn number(
+    pub(super) fn number(
         &self,
         field: &str,
         value: &Option<Number>,
@@ -289,7 +181,7 @@ impl Source<'_> {
     }
 
     /// Like [`Source::number`], for whole numbers.
-    fn count(
+    pub(super) fn count(
         &self,
         field: &str,
         value: &Option<Number>,
@@ -306,7 +198,7 @@ impl Source<'_> {
     }
 
     /// A rising pair inside [low, high], or `default`.
-    fn range(
+    pub(super) fn range(
         &self,
         field: &str,
         value: &Option<Spanned<[f64; 2]>>,
@@ -324,7 +216,7 @@ impl Source<'_> {
     }
 
     /// A file beside the recipe, which must be there.
-    fn beside(&self, field: &str, name: &Spanned<PathBuf>) -> Result<PathBuf, RecipeError> {
+    pub(super) fn beside(&self, field: &str, name: &Spanned<PathBuf>) -> Result<PathBuf, RecipeError> {
         let path = beside(self.file, name.get_ref());
         if path.is_file() {
             return Ok(path);
@@ -332,7 +224,7 @@ impl Source<'_> {
         Err(self.error(name.span(), field, "a file", format!("{}, which is not there", path.display())))
     }
 
-    fn directions(&self, value: &Spanned<String>) -> Result<Quadrature, RecipeError> {
+    pub(super) fn directions(&self, value: &Spanned<String>) -> Result<Quadrature, RecipeError> {
         parse_directions(value.get_ref()).ok_or_else(|| {
             let wanted = "\"14\", \"26\" or \"50\" (Lebedev), or polar nodes × azimuths, such as \"4x16\"";
             self.error(
@@ -341,174 +233,6 @@ impl Source<'_> {
                 wanted,
                 format!("\"{}\"", value.get_ref()),
             )
-        })
-    }
-}
-
-/// A direction set from its name: 14, 26, 50, or polar nodes per hemisphere × azimuths.
-pub fn parse_directions(name: &str) -> Option<Quadrature> {
-    let set = match name {
-        "14" => Quadrature::Lebedev14,
-        "26" => Quadrature::Lebedev26,
-        "50" => Quadrature::Lebedev50,
-        other => {
-            let (polar, azimuths) = other.split_once('x')?;
-            Quadrature::DoubleGauss { polar: polar.parse().ok()?, azimuths: azimuths.parse().ok()? }
-        }
-    };
-    set.ordinates().ok().map(|_| set)
-}
-
-impl CloudsFile {
-    fn check(self, source: &Source) -> Result<Clouds, RecipeError> {
-        let optional = |field: &str, value: &Option<Number>, range: [f64; 2], unit: &str| {
-            value.as_ref().map(|_| source.number(field, value, 0.0, range, unit)).transpose()
-        };
-        let optics = Optics {
-            albedo: optional("clouds.albedo", &self.albedo, [0.0, 1.0], "")?,
-            g: optional("clouds.g", &self.g, [-0.999, 0.999], "")?,
-            kappa_per_m: optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 100.0], "1/m")?,
-        };
-        let response = &self.response;
-        let mut distant: Vec<DistantKind> = response
-            .distant
-            .iter()
-            .flatten()
-            .map(|name| match name {
-                DistantName::UpperSky => DistantKind::UpperSky,
-                DistantName::LowerSky => DistantKind::LowerSky,
-            })
-            .collect();
-        if let Some(sun) = &response.sun_direction {
-            let direction = glam::DVec3::from_array(*sun.get_ref()).try_normalize();
-            let field = "clouds.response.sun_direction";
-            let direction = direction.ok_or_else(|| {
-                source.error(
-                    sun.span(),
-                    field,
-                    "a finite vector that is not zero",
-                    format!("{:?}", sun.get_ref()),
-                )
-            })?;
-            distant.push(DistantKind::Beam { direction: direction.to_array() });
-        }
-        Ok(Clouds {
-            scene: source.beside("clouds.scene", &self.scene)?,
-            optics,
-            lamps: self.lightning.check(source)?,
-            distant,
-            response: self.settings(source)?,
-            test_strokes: source.count("clouds.response.test_strokes", &response.test_strokes, 8, [0, 64])?,
-            budget: CloudBudget {
-                stroke_l2: optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
-                relit_l2: optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
-                solver_l2: optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
-                bytes: optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?
-                    .map(|v| v as u64),
-            },
-            given: Given {
-                spacing: self.lightning.spacing_m.is_some(),
-                channels: response.channels.is_some(),
-                error: response.error.is_some(),
-                solver: self.transport.directions.is_some() || self.transport.refine.is_some(),
-            },
-        })
-    }
-
-    fn settings(&self, source: &Source) -> Result<ResponseSettings, RecipeError> {
-        let (transport, response) = (&self.transport, &self.response);
-        let quadrature = match &transport.directions {
-            Some(value) => source.directions(value)?,
-            None => Quadrature::DoubleGauss { polar: 2, azimuths: 8 },
-        };
-        let solve = SolveSettings {
-            quadrature,
-            scheme: match transport.scheme.unwrap_or(SchemeName::Weighted) {
-                SchemeName::Weighted => SweepScheme::Weighted,
-                SchemeName::Diamond => SweepScheme::Diamond,
-                SchemeName::Step => SweepScheme::Step,
-            },
-            delta: transport.delta_m.unwrap_or(true),
-            tolerance: source.number(
-                "clouds.transport.tolerance",
-                &transport.tolerance,
-                1e-3,
-                [1e-6, 0.5],
-                "",
-            )?,
-            max_sweeps: source.count(
-                "clouds.transport.max_sweeps",
-                &transport.max_sweeps,
-                2000,
-                [4, 100_000],
-            )?,
-            ..SolveSettings::default()
-        };
-        Ok(ResponseSettings {
-            channels: match response.channels.unwrap_or(ChannelsName::Harmonics1) {
-                ChannelsName::Directions26 => ChannelBasis::Directions26,
-                ChannelsName::Harmonics0 => ChannelBasis::Harmonics { degree: 0 },
-                ChannelsName::Harmonics1 => ChannelBasis::Harmonics { degree: 1 },
-                ChannelsName::Harmonics2 => ChannelBasis::Harmonics { degree: 2 },
-                ChannelsName::Harmonics3 => ChannelBasis::Harmonics { degree: 3 },
-            },
-            direct: match response.direct.unwrap_or(DirectName::RunTime) {
-                DirectName::Rows => DirectTerm::InRows,
-                DirectName::RunTime => DirectTerm::AtRunTime,
-            },
-            codec: match response.codec.unwrap_or(CodecName::Bytes) {
-                CodecName::Bytes => Codec::Bytes,
-                CodecName::Paper => Codec::Paper,
-            },
-            relative_error: source.number(
-                "clouds.response.error",
-                &response.error,
-                0.01,
-                [0.0, 0.9],
-                "of a lamp's light",
-            )?,
-            seen_only: response.seen_only.unwrap_or(false),
-            refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
-            samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
-            solve,
-        })
-    }
-}
-
-impl LightningFile {
-    fn check(&self, source: &Source) -> Result<Lamps, RecipeError> {
-        let corner = |field: &str, value: &Option<Spanned<[f64; 3]>>| match value {
-            None => Ok(None),
-            Some(value) if value.get_ref().iter().all(|v| v.abs() <= 1e6) => Ok(Some(*value.get_ref())),
-            Some(value) => {
-                let found = format!("{:?}", value.get_ref());
-                Err(source.error(value.span(), field, "three numbers, -1e6 to 1e6 m", found))
-            }
-        };
-        let (low_m, high_m) = (
-            corner("clouds.lightning.low_m", &self.low_m)?,
-            corner("clouds.lightning.high_m", &self.high_m)?,
-        );
-        if let (Some(low), Some(high), Some(value)) = (low_m, high_m, &self.high_m)
-            && (0..3).any(|axis| low[axis] > high[axis])
-        {
-            let found = format!("{high:?} beside low_m {low:?}");
-            return Err(source.error(value.span(), "clouds.lightning.high_m", "no less than low_m", found));
-        }
-        let metres = [1e-3, 1e6];
-        Ok(Lamps {
-            low_m,
-            high_m,
-            spacing_m: source.number("clouds.lightning.spacing_m", &self.spacing_m, 0.0, metres, "m")?,
-            epsilon_per_m2: source.number(
-                "clouds.lightning.epsilon_per_m2",
-                &self.epsilon_per_m2,
-                1e-6,
-                [0.0, 1e6],
-                "1/m²",
-            )?,
-            longest_m: source.number("clouds.lightning.longest_m", &self.longest_m, 1e6, metres, "m")?,
-            prune: self.prune.unwrap_or(false),
         })
     }
 }
