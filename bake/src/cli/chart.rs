@@ -45,7 +45,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let wanted = "a folder with clouds/scenes, clouds/fields and streaks";
         return Err(BakeError::input(folder, "--reference", wanted, "none of these").into());
     }
-    let names: Vec<String> = CHARTS.iter().map(|(id, _)| format!("{id}.svg")).collect();
+    let names = CHARTS.iter().flat_map(|(id, _)| [format!("{id}.svg"), format!("{id}-card.svg")]);
+    let names: Vec<String> = names.collect();
     let names: Vec<&str> =
         names.iter().map(String::as_str).chain(["data.csv", "data.json", "index.html"]).collect();
     let outputs: Vec<PathBuf> = names.iter().map(|name| args.out.join(name)).collect();
@@ -69,8 +70,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         if mine.is_empty() {
             continue;
         }
-        let picture = svg::draw(id, question, &mine)?;
+        let picture = svg::draw(id, question, &mine, usize::MAX)?;
         write(&format!("{id}.svg"), &picture)?;
+        // The first panel alone, for pages with little room.
+        write(&format!("{id}-card.svg"), &svg::draw(id, question, &mine, 1)?)?;
         figures.push(page::Figure { id, question, picture, rows: mine });
     }
     let how = format!(

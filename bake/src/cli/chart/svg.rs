@@ -54,9 +54,10 @@ struct Panel<'a> {
     rows: Vec<&'a Row>,
 }
 
-/// Draws a chart's rows.
-pub fn draw(id: &str, question: &str, rows: &[&Row]) -> anyhow::Result<String> {
-    let panels = panels(rows);
+/// Draws a chart's rows, in the first `most` of its panels.
+pub fn draw(id: &str, question: &str, rows: &[&Row], most: usize) -> anyhow::Result<String> {
+    let mut panels = panels(rows);
+    panels.truncate(most);
     let height = HEAD + PANEL * panels.len() as u32;
     let (mut text, mut marks) = (String::new(), String::new());
     {
