@@ -60,24 +60,23 @@ const SUB_CELL_DEPTH: f64 = 0.3;
 const DEEPEST_SUB_CELL: f64 = 2.0;
 /// Share of the light that may be missing from a solve's books, or be too much in them, beside ten times its tolerance.
 const BALANCE: f64 = 0.01;
-/// Least automatic refinement, odd as all of them: a lamp in the middle of a cell then stands in the middle of a sub-cell, and not
-/// on the corner of eight, which averages its brightest light away.
+/// Least automatic refinement: at 1 a lamp's brightest light is averaged over its cell, and at 2 a lamp in the middle of a cell
+/// stands on the corner of eight sub-cells, which is no better.
 const LEAST_REFINEMENT: u32 = 3;
 /// Most automatic refinement.
-const MOST_REFINEMENT: u32 = 9;
+const MOST_REFINEMENT: u32 = 8;
 /// Most solve cells that automatic refinement makes of a grid: some 1.5 GB and a few minutes.
 const AUTOMATIC_CELLS: usize = 1 << 21;
 
-/// Refinement for a cloud that nobody chose one for: the least odd one from 3 to 9 whose densest sub-cell is at most .3 deep after
-/// delta scaling (degree 3), or the largest odd one below it that makes at most 2²¹ sub-cells; 1 where even 3 would make more.
+/// Refinement for a cloud that nobody chose one for: the least from 3 to 8 whose densest sub-cell is at most .3 deep after
+/// delta scaling (degree 3), or the largest below it that makes at most 2²¹ sub-cells; 1 where even 3 would make more.
 pub fn automatic_refinement(cloud: &Cloud) -> u32 {
     let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
     let edge = cloud.cell_m.iter().fold(0.0f64, |most, &e| most.max(e));
     let depth = f64::from(densest) * edge * cloud.scaled(3).extinction_scale;
     let wanted = (depth / SUB_CELL_DEPTH).ceil().clamp(1.0, f64::from(MOST_REFINEMENT)) as u32;
     let fits = |&refine: &u32| cloud.shape.len() * (refine * refine * refine) as usize <= AUTOMATIC_CELLS;
-    let odd = wanted.max(LEAST_REFINEMENT) | 1;
-    (LEAST_REFINEMENT..=odd).rev().step_by(2).find(fits).unwrap_or(1)
+    (LEAST_REFINEMENT..=wanted.max(LEAST_REFINEMENT)).rev().find(fits).unwrap_or(1)
 }
 
 /// Optical depth of the densest solve cell along its shortest edge when each is cut into `refine` parts, after delta scaling
