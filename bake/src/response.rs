@@ -11,7 +11,7 @@ pub mod lamps;
 mod solved;
 pub mod unseen;
 
-use crate::compress::compress_row;
+use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
 pub use directions::{add_direct, in_26_directions};
@@ -120,11 +120,12 @@ pub fn bake_response(
     let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
     let (mut rows, mut kept) = (ResponseRows::default(), 0);
     let tests = (strokes, None);
-    let solved = solve_each_row(cloud, sources, settings, tests, progress, &code, &mut |row| {
+    let mut take = |row: CompressedRow| {
         kept += row.kept;
         rows.bounds.extend_from_slice(&row.bounds);
         rows.rows.push(row.bytes);
-    })?;
+    };
+    let solved = solve_each_row(cloud, sources, settings, tests, progress, (&code, &mut take))?;
     let (head, tests, sweeps) = solved;
     Ok(BakedResponse { head, rows, tests, kept, sweeps })
 }
@@ -145,7 +146,7 @@ pub fn solve_rows(
     let keep = |planes: Vec<f32>| planes;
     let tests = (strokes, known);
     let solved =
-        solve_each_row(cloud, sources, settings, tests, progress, &keep, &mut |row| planes.push(row))?;
+        solve_each_row(cloud, sources, settings, tests, progress, (&keep, &mut |row| planes.push(row)))?;
     let (head, tests, sweeps) = solved;
     Ok(SolvedRows { head, planes, tests, sweeps })
 }
@@ -171,8 +172,7 @@ fn solve_each_row<R: Send>(
     settings: &ResponseSettings,
     (strokes, known): (&[Vec<LampPoint>], Option<&[TestStroke]>),
     progress: &dyn Progress,
-    finish: &(dyn Fn(Vec<f32>) -> R + Sync),
-    take: &mut dyn FnMut(R),
+    (finish, take): (&(dyn Fn(Vec<f32>) -> R + Sync), &mut dyn FnMut(R)),
 ) -> Result<(ResponseHead, Vec<TestStroke>, u64), BakeError> {
     let factors = [settings.refine; 3];
     let fine = cloud.refined(factors)?;

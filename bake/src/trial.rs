@@ -76,8 +76,7 @@ impl<'a> Trial<'a> {
         lamps: &LampGrid,
         distant: usize,
         settings: &ResponseSettings,
-        strokes: &[Vec<LampPoint>],
-        known: Option<&[TestStroke]>,
+        (strokes, known): (&[Vec<LampPoint>], Option<&[TestStroke]>),
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let touched = touched(lamps, strokes);

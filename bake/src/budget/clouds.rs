@@ -236,7 +236,7 @@ pub fn choose(
         let same = solved.as_ref().filter(|tests| tests.iter().map(|t| &t.lamps).eq(strokes.iter()));
         let known = same.map(Vec::as_slice);
         let distant = clouds.distant.len();
-        let trial = Trial::new(cloud, &lamps, distant, &settings, &strokes, known, &Quiet)?;
+        let trial = Trial::new(cloud, &lamps, distant, &settings, (&strokes, known), &Quiet)?;
         solved = Some(trial.tests());
         progress.advance(1);
         search.at(spacing_m, &trial)

@@ -70,7 +70,7 @@ pub fn choose_solver(
     };
     let error = |found: &[Vec<f32>], range: std::ops::Range<usize>| {
         let count = range.len().max(1) as f64;
-        let square: f64 = range.map(|at| compare(&found[at], &truth[at]).l2.powi(2)).sum();
+        let square: f64 = range.map(|at| compare(&found[at], &truth[at]).l2).map(|l2| l2 * l2).sum();
         libm::sqrt(square / count)
     };
     let last = candidates.len() - 1;

@@ -77,7 +77,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             progress.advance(1);
             let spacing_m = own * step;
             let grid = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
-            let wanted = touched(&grid, &[lamps.clone()]);
+            let wanted = touched(&grid, std::slice::from_ref(&lamps));
             let all = if grid.wanted.is_empty() { grid.len() } else { crate::trial::count(&grid.wanted) };
             let tried = crate::trial::count(&wanted);
             let settings = ResponseSettings { direct, channels, codec, ..scene.settings };

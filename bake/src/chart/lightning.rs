@@ -64,7 +64,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             }
             let error = settings.relative_error;
             let (done, cost) = seconds(1, || -> Result<_, BakeError> {
-                let trial = Trial::new(cloud, lamps, 0, &settings, &strokes, Some(&tests), &Quiet)?;
+                let trial = Trial::new(cloud, lamps, 0, &settings, (&strokes, Some(&tests)), &Quiet)?;
                 let coded = trial.encode(channels, codec, error);
                 Ok((trial, coded))
             });

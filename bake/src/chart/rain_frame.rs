@@ -167,10 +167,7 @@ impl View<'_> {
         Ok(sums.into_iter().map(|sum| sum * share).collect())
     }
 
-    fn measure<K: Kernel>(&self, kernel: &K, truth: &[f32]) -> Result<(f64, Cost), BakeError>
-    where
-        K: Sync,
-    {
+    fn measure<K: Kernel + Sync>(&self, kernel: &K, truth: &[f32]) -> Result<(f64, Cost), BakeError> {
         let [width, height] = self.size.map(|side| side as usize);
         let mut picture = Picture::new(width, height)?;
         let mut workspace = Workspace::new();

@@ -24,9 +24,9 @@ pub fn page(how: &str, figures: &[Figure<'_>]) -> String {
     let mut body = String::new();
     for chart in figures {
         let _ = write!(links, "<a href=\"#{0}\">{0}</a> ", chart.id);
-        let _ = write!(
+        let _ = writeln!(
             body,
-            "<section id=\"{}\"><h2 class=\"unseen\">{}</h2><figure>{}</figure>{}</section>\n",
+            "<section id=\"{}\"><h2 class=\"unseen\">{}</h2><figure>{}</figure>{}</section>",
             chart.id,
             escaped(chart.question),
             chart.picture,
