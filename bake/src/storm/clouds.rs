@@ -258,7 +258,11 @@ fn report(
         });
     };
     let budget = &clouds.budget;
-    let codec = format!("{:?}, error {:.3e}", baked.head.codec, choice.settings.relative_error);
+    let name = match baked.head.codec {
+        response::Codec::Bytes => "bytes",
+        response::Codec::Paper => "paper",
+    };
+    let codec = format!("codec {name}, error {:.3e}", choice.settings.relative_error);
     let codec_error = verdict.codec;
     let chose_codec = budget.relit_l2.is_some() && budget.stroke_l2.is_none();
     let metric = "relit L2 on unseen strokes, against the same rows uncompressed";
