@@ -17,7 +17,7 @@ mod transport;
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::recipe::Recipe;
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
 /// Charts by their ids, in the order of the page, each with the question that it answers.
@@ -59,7 +59,7 @@ impl Cost {
 }
 
 /// One point of a chart.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Chart id.
     pub chart: String,
@@ -71,7 +71,8 @@ pub struct Row {
     pub truth: String,
     /// What the error is, with unit.
     pub error_metric: String,
-    /// The error.
+    /// The error; no number where a paper gives a cost alone.
+    #[serde(deserialize_with = "number_or_none")]
     pub error: f64,
     /// What the cost is, with unit.
     pub cost_metric: String,
@@ -89,6 +90,11 @@ pub struct Row {
     pub chosen: bool,
     /// Whether it is a paper's method or setting.
     pub baseline: bool,
+}
+
+/// JSON has no word for what is no number but null.
+fn number_or_none<'de, D: Deserializer<'de>>(value: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(value)?.unwrap_or(f64::NAN))
 }
 
 /// A setting with everything that was measured of it; becomes one row for each pair of an error and a cost.

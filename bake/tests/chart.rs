@@ -123,3 +123,19 @@ fn reference_data_that_is_not_there_is_bad_input_and_leaves_nothing() {
     assert_eq!(code, 3, "{error}");
     assert!(error.contains("no/such/folder") && !out.exists(), "{error}");
 }
+
+#[test]
+fn an_earlier_sweep_is_drawn_again_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(chart(folder.path(), &["--only", "density"]).0, 0);
+    let files =
+        ["data.csv", "data.json", "density.svg", "density-card.svg"].map(|name| folder.path().join(name));
+    let before: Vec<Vec<u8>> = files.iter().map(|file| std::fs::read(file).unwrap()).collect();
+    let mut call = Command::cargo_bin("squall").unwrap();
+    let output =
+        call.arg("chart").arg(recipe()).arg("-o").arg(folder.path()).arg("--redraw").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for (file, before) in files.iter().zip(before) {
+        assert!(std::fs::read(file).unwrap() == before, "{}", file.display());
+    }
+}

@@ -7,6 +7,7 @@ use super::folder::{OutputFolder, check_apart};
 use super::progress::Bars;
 use squall_bake::BakeError;
 use squall_bake::chart::{CHARTS, Row, Sweep, sweep};
+use squall_bake::input::read_json;
 use squall_bake::output::write_atomically;
 use squall_bake::recipe::Recipe;
 use std::io::Write;
@@ -26,6 +27,9 @@ pub struct Args {
     /// Only these charts; several with commas between them.
     #[arg(long, value_name = "IDS", value_delimiter = ',', value_parser = id)]
     only: Vec<String>,
+    /// Sweeps nothing, and draws again what an earlier sweep left in the folder's data.json.
+    #[arg(long, conflicts_with_all = ["quick", "only", "reference"])]
+    redraw: bool,
     /// Folder of independent reference data (fields, streak pictures), for the series that are judged by it.
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
@@ -53,10 +57,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     check_apart(&outputs.iter().map(PathBuf::as_path).collect::<Vec<_>>(), recipe.inputs()?.iter())?;
     let mut folder = OutputFolder::prepare(&args.out)?;
     folder.expect(names);
-    let bars = Bars::new()?;
-    let task = Sweep { recipe: &recipe, quick: args.quick, reference: args.reference, only: args.only };
-    let rows = sweep(&task, &bars)?;
-    bars.finish();
+    let rows = if args.redraw {
+        read_json(&args.out.join("data.json"), "rows of an earlier sweep (data.json)")?
+    } else {
+        let bars = Bars::new()?;
+        let task = Sweep { recipe: &recipe, quick: args.quick, reference: args.reference, only: args.only };
+        let rows = sweep(&task, &bars)?;
+        bars.finish();
+        rows
+    };
     let seconds = start.elapsed().as_secs_f64();
 
     let write = |name: &str, text: &str| {
@@ -77,10 +86,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         figures.push(page::Figure { id, question, picture, rows: mine });
     }
     let how = format!(
-        "{}{}; {} points in {seconds:.0} s; squall {}",
+        "{}{}; {} points{}; squall {}",
         args.recipe.display(),
         if args.quick { ", quick" } else { "" },
         rows.len(),
+        if args.redraw { String::new() } else { format!(" in {seconds:.0} s") },
         env!("CARGO_PKG_VERSION")
     );
     write("index.html", &page::page(&how, &figures))?;

@@ -15,6 +15,8 @@ const WIDTH: u32 = 900;
 const PANEL: u32 = 430;
 const HEAD: u32 = 46;
 const MARGIN: u32 = 14;
+/// Above a plot, for what its errors are measured against.
+const CAPTION: u32 = 34;
 /// Right of the plot, for the names of the series.
 const LEGEND: u32 = 250;
 /// Longest name in a legend, characters; the pointer and the table have all of it.
@@ -162,10 +164,12 @@ where
     Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
 {
     let failed = |error| anyhow::anyhow!("{error:?}");
-    let caption = ("sans-serif", 15).into_font().color(&INK);
+    let caption = ("sans-serif", 14).into_font().color(&INK);
+    let words = format!("against {}", panel.truth);
+    area.draw(&Text::new(words, (MARGIN as i32, 8), caption)).map_err(failed)?;
     let mut chart = ChartBuilder::on(area)
-        .caption(format!("against {}", panel.truth), caption)
         .margin(MARGIN)
+        .margin_top(CAPTION)
         .margin_right(LEGEND)
         .x_label_area_size(44)
         .y_label_area_size(64)
