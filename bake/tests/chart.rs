@@ -139,3 +139,45 @@ fn an_earlier_sweep_is_drawn_again_as_it_was() {
         assert!(std::fs::read(file).unwrap() == before, "{}", file.display());
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_sweep_goes_on_with_the_charts_that_it_had_finished() {
+    use std::time::{Duration, Instant};
+    let folder = tempfile::tempdir().unwrap();
+    let start = || {
+        let mut call = Program::new(assert_cmd::cargo::cargo_bin("squall"));
+        call.arg("chart").arg(recipe()).arg("-o").arg(folder.path()).arg("--quick");
+        call
+    };
+    let parts = || {
+        let names =
+            folder.path().read_dir().unwrap().map(|file| file.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.starts_with('.') && name.ends_with(".json")).collect::<Vec<_>>()
+    };
+    let mut child = start().args(["--only", "density,transport"]).spawn().unwrap();
+    let begun = Instant::now();
+    while parts().is_empty()
+        && child.try_wait().unwrap().is_none()
+        && begun.elapsed() < Duration::from_secs(60)
+    {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Program::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let code = child.wait().unwrap().code();
+    if code == Some(0) {
+        println!("skipped: the sweep was over before it could be interrupted");
+        return;
+    }
+    assert_eq!(code, Some(130));
+    let left = parts();
+    assert!(left.iter().any(|name| name.contains("density")) && !folder.path().join("data.csv").exists());
+    // What was finished is taken as it was left: a mark in it shows in the result.
+    let file = folder.path().join(left.iter().find(|name| name.contains("density")).unwrap());
+    let text = std::fs::read_to_string(&file).unwrap().replace("16 classes", "sixteen classes");
+    std::fs::write(&file, text).unwrap();
+    assert!(start().args(["--only", "density,transport", "--resume"]).status().unwrap().success());
+    assert!(parts().is_empty());
+    let csv = std::fs::read_to_string(folder.path().join("data.csv")).unwrap();
+    assert!(csv.contains("transport") && csv.contains("sixteen classes"), "{csv}");
+}

@@ -27,6 +27,9 @@ pub struct Args {
     /// Only these charts; several with commas between them.
     #[arg(long, value_name = "IDS", value_delimiter = ',', value_parser = id)]
     only: Vec<String>,
+    /// Goes on where an interrupted sweep of the same recipe into the same folder ended.
+    #[arg(long, conflicts_with = "redraw")]
+    resume: bool,
     /// Sweeps nothing, and draws again what an earlier sweep left in the folder's data.json.
     #[arg(long, conflicts_with_all = ["quick", "only", "reference"])]
     redraw: bool,
@@ -60,11 +63,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let rows = if args.redraw {
         read_json(&args.out.join("data.json"), "rows of an earlier sweep (data.json)")?
     } else {
-        let bars = Bars::new()?;
-        let task = Sweep { recipe: &recipe, quick: args.quick, reference: args.reference, only: args.only };
-        let rows = sweep(&task, &bars)?;
-        bars.finish();
-        rows
+        sweep_all(&args, &recipe)?
     };
     let seconds = start.elapsed().as_secs_f64();
 
@@ -101,6 +100,45 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     folder.keep();
     Ok(())
+}
+
+/// Sweeps chart by chart. Each leaves its rows in the folder until all are done, for [`Args::resume`].
+fn sweep_all(args: &Args, recipe: &Recipe) -> anyhow::Result<Vec<Row>> {
+    let bars = Bars::new()?;
+    let (mut rows, mut finished) = (Vec::new(), Vec::new());
+    for (id, _) in CHARTS.iter().filter(|(id, _)| args.only.is_empty() || args.only.iter().any(|o| o == id)) {
+        let mut of = blake3::Hasher::new();
+        of.update(
+            format!("{} {id} {} {:?}", env!("CARGO_PKG_VERSION"), args.quick, args.reference).as_bytes(),
+        );
+        for input in recipe.inputs()? {
+            of.update(&std::fs::read(&input).map_err(BakeError::io(&input, "read"))?);
+        }
+        // The name tells what was swept: another recipe's rows, or a quick sweep's, are not taken for these.
+        let file = args.out.join(format!(".{id}-{}.json", &of.finalize().to_hex()[..16]));
+        let one: Vec<Row> = if args.resume && file.is_file() {
+            read_json(&file, "rows of an interrupted sweep")?
+        } else {
+            let only = vec![(*id).to_owned()];
+            let task = Sweep { recipe, quick: args.quick, reference: args.reference.clone(), only };
+            let swept = sweep(&task, &bars);
+            if matches!(swept, Err(BakeError::Interrupted)) && !finished.is_empty() {
+                let done = finished.len();
+                eprintln!("note: {done} finished charts wait in {} for --resume", args.out.display());
+            }
+            let one = swept?;
+            let text = serde_json::to_string(&one)?;
+            write_atomically(&file, |out| out.write_all(text.as_bytes()))?;
+            one
+        };
+        rows.extend(one);
+        finished.push(file);
+    }
+    bars.finish();
+    for file in finished {
+        std::fs::remove_file(&file).map_err(BakeError::io(&file, "remove"))?;
+    }
+    Ok(rows)
 }
 
 fn csv(rows: &[Row]) -> anyhow::Result<String> {
