@@ -122,11 +122,9 @@ pub fn diff(a: &Asset, b: &Asset) -> Result<Difference, BakeError> {
 
 fn same_bytes(assets: [&Asset; 2], entries: [Option<&Entry>; 2]) -> Result<bool, BakeError> {
     let [Some(a), Some(b)] = entries else { return Ok(false) };
-    let bytes = |asset: &Asset, entry: &Entry| -> Result<Vec<u8>, BakeError> {
-        Ok(entry.bytes(asset.bytes()).map_err(|error| asset.wrap(error))?.to_vec())
-    };
-    let same = a.version == b.version && a.required == b.required && a.length == b.length;
-    Ok(same && bytes(assets[0], a)? == bytes(assets[1], b)?)
+    let [in_a, in_b] = [(assets[0], a), (assets[1], b)]
+        .map(|(asset, entry)| entry.bytes(asset.bytes()).map_err(|error| asset.wrap(error)));
+    Ok(a.version == b.version && a.required == b.required && in_a? == in_b?)
 }
 
 fn compare_provenance(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
@@ -137,9 +135,10 @@ fn compare_provenance(a: &Asset, b: &Asset, found: &mut Difference) -> Result<()
         })
     };
     let both = [read(a)?, read(b)?];
-    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let hex = |hash: &[u8; 32]| blake3::Hash::from_bytes(*hash).to_hex();
     let facts = |made: &ProvenanceSection| -> Vec<(String, String)> {
-        let mut list = vec![("tool".into(), made.tool.clone()), ("recipe".into(), hex(&made.recipe_hash))];
+        let mut list =
+            vec![("tool".into(), made.tool.clone()), ("recipe".into(), hex(&made.recipe_hash).to_string())];
         let inputs = made.inputs.iter();
         list.extend(
             inputs.map(|input| (input.name.clone(), format!("{} bytes, {}", input.bytes, hex(&input.hash)))),
@@ -311,7 +310,7 @@ fn compare_densities(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     for mode in Mode::ALL {
         let mut worst = 0.0f64;
         for number in 0..VIEWS {
-            // Eight rates, and views that go through their ranges at other paces.
+            // Rates one by one, and views that go through their ranges at other paces.
             let share = |step: usize| ((number * step) % VIEWS) as f64 / (VIEWS - 1) as f64;
             let within = |[low, high]: [f64; 2], share: f64| (low + (high - low) * share).clamp(low, high);
             let view = View {

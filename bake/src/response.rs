@@ -189,8 +189,7 @@ fn solve_each_row<R: Send>(
         directions: sphere::directions_26().map(DVec3::from_array),
     };
     let grid = &sources.lamps;
-    let nodes: Vec<usize> =
-        (0..grid.len()).filter(|&node| grid.wanted.is_empty() || grid.wanted[node]).collect();
+    let nodes: Vec<usize> = (0..grid.len()).filter(|&node| grid.is_wanted(node)).collect();
     let mut node_rows = vec![NO_ROW; grid.len()];
     for (row, &node) in nodes.iter().enumerate() {
         node_rows[node] = row as u32;

@@ -80,7 +80,7 @@ impl<'a> Trial<'a> {
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let touched = touched(lamps, strokes);
-        let wanted = if lamps.wanted.is_empty() { lamps.len() } else { count(&lamps.wanted) };
+        let wanted = lamps.wanted_count();
         let sources = Sources { lamps: LampGrid { wanted: touched, ..lamps.clone() }, distant: Vec::new() };
         let solved = solve_rows(cloud, &sources, settings, strokes, known, progress)?;
         Ok(Self { cloud, solved, lamps: wanted, distant })
@@ -131,7 +131,7 @@ pub fn touched(lamps: &LampGrid, strokes: &[Vec<LampPoint>]) -> Vec<bool> {
     let mut touched = vec![false; lamps.len()];
     for point in strokes.iter().flatten() {
         for node in lamps.around(point.position).into_iter().flatten() {
-            touched[node] = lamps.wanted.is_empty() || lamps.wanted[node];
+            touched[node] = lamps.is_wanted(node);
         }
     }
     touched

@@ -8,7 +8,7 @@ use crate::progress::{Progress, Quiet};
 use crate::response::judge::{RelitError, compare, spread};
 use crate::response::{LampGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
 use crate::storm::clouds::{place_lamps, strokes_for};
-use crate::trial::{asset_of, count, touched};
+use crate::trial::{asset_of, touched};
 use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
 use squall_runtime::relight::{RelightBuffers, RelightOptions, Relighter, Relit};
 use squall_runtime::transport::Cloud;
@@ -34,7 +34,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     if strokes.is_empty() {
         return Ok(Vec::new());
     }
-    let all = if lamps.wanted.is_empty() { lamps.len() } else { count(&lamps.wanted) };
+    let all = lamps.wanted_count();
     let wanted = touched(&lamps, &strokes);
     let sources = Sources { lamps: LampGrid { wanted, ..lamps }, distant: Vec::new() };
     let mut errors = if task.quick {

@@ -78,10 +78,10 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             let spacing_m = own * step;
             let grid = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
             let wanted = touched(&grid, std::slice::from_ref(&lamps));
-            let all = if grid.wanted.is_empty() { grid.len() } else { crate::trial::count(&grid.wanted) };
-            let tried = crate::trial::count(&wanted);
+            let all = grid.wanted_count();
             let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
             let grid = LampGrid { wanted, ..grid };
+            let tried = grid.wanted_count();
             let mut point = flash(&scene, grid, &settings, &lamps, &camera, &truth)?;
             point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
             if let Some(bytes) = point.bytes {

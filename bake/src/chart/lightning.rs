@@ -102,12 +102,8 @@ fn common_strokes(
     let spacing = finest.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let spacing = if spacing.is_finite() { spacing } else { scene.spacing_m };
     let strokes = strokes_for(task.recipe, scene.clouds, &scene.cloud, finest, spacing, 0..count);
-    let reached = |grid: &LampGrid, point: &LampPoint| {
-        grid.around(point.position)
-            .is_some_and(|nodes| grid.wanted.is_empty() || nodes.iter().all(|&node| grid.wanted[node]))
-    };
     let common = |stroke: Vec<LampPoint>| -> Vec<LampPoint> {
-        stroke.into_iter().filter(|point| grids.iter().all(|grid| reached(grid, point))).collect()
+        stroke.into_iter().filter(|point| grids.iter().all(|grid| grid.reaches(point.position))).collect()
     };
     strokes.into_iter().map(common).filter(|stroke| !stroke.is_empty()).collect()
 }

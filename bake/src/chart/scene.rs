@@ -6,7 +6,7 @@ use crate::input::scene::read_scene;
 use crate::progress::Quiet;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::ResponseSettings;
-use glam::DVec3;
+use crate::response::judge::extinction_at;
 use squall_formats::GridShape;
 use squall_runtime::relight::LampPoint;
 use squall_runtime::stroke::Stroke;
@@ -76,18 +76,9 @@ impl ChartScene<'_> {
     /// A lamp inside the cloud: the point of the recipe's strokes with the densest cell, or the densest cell's own middle.
     pub fn lamp(&self, recipe: &Recipe) -> LampPoint {
         let cloud = &self.cloud;
-        let extinction = |point: DVec3| -> f32 {
-            let cell: [f64; 3] = std::array::from_fn(|axis| {
-                ((point[axis] - cloud.origin_m[axis]) / cloud.cell_m[axis]).floor()
-            });
-            let counts = cloud.shape.to_array();
-            if (0..3).any(|axis| cell[axis] < 0.0 || cell[axis] >= counts[axis] as f64) {
-                return 0.0;
-            }
-            cloud.extinction[cloud.shape.index(cell[0] as usize, cell[1] as usize, cell[2] as usize)]
-        };
         let points = recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0));
-        let deepest = points.map(|p| (extinction(p.position), p.position)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let deepest =
+            points.map(|p| (extinction_at(cloud, p.position), p.position)).max_by(|a, b| a.0.total_cmp(&b.0));
         let position = match deepest {
             Some((extinction, position)) if extinction > 0.0 => position,
             _ => {

@@ -162,6 +162,17 @@ pub fn shifted_strokes(
     found
 }
 
+/// Extinction of the cell that `point` lies in, 1/m; 0 outside the grid.
+pub fn extinction_at(cloud: &Cloud, point: DVec3) -> f32 {
+    let cell: [f64; 3] =
+        std::array::from_fn(|axis| ((point[axis] - cloud.origin_m[axis]) / cloud.cell_m[axis]).floor());
+    let counts = cloud.shape.to_array();
+    if (0..3).any(|axis| cell[axis] < 0.0 || cell[axis] >= counts[axis] as f64) {
+        return 0.0;
+    }
+    cloud.extinction[cloud.shape.index(cell[0] as usize, cell[1] as usize, cell[2] as usize)]
+}
+
 /// Strokes grown at random between points of the reach that lie in or under the cloud; half of them run to the reach's floor.
 /// Points are `spacing` metres apart. The same seed gives the same strokes.
 pub fn test_strokes(
@@ -174,15 +185,6 @@ pub fn test_strokes(
     /// Tries for each stroke before it is given up.
     const TRIES: u64 = 200;
     let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
-    let extinction = |point: DVec3| -> f32 {
-        let cell: [f64; 3] =
-            std::array::from_fn(|axis| ((point[axis] - cloud.origin_m[axis]) / cloud.cell_m[axis]).floor());
-        let counts = cloud.shape.to_array();
-        if (0..3).any(|axis| cell[axis] < 0.0 || cell[axis] >= counts[axis] as f64) {
-            return 0.0;
-        }
-        cloud.extinction[cloud.shape.index(cell[0] as usize, cell[1] as usize, cell[2] as usize)]
-    };
     let [low, high] = reach;
     let mut strokes = Vec::new();
     for number in numbers.start as u64..numbers.end as u64 {
@@ -199,7 +201,7 @@ pub fn test_strokes(
             if number % 2 == 1 {
                 to.z = low.z;
             }
-            if extinction(from) < 0.1 * densest {
+            if extinction_at(cloud, from) < 0.1 * densest {
                 continue;
             }
             let record = StrokeRecord {

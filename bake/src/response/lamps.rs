@@ -48,6 +48,21 @@ impl LampGrid {
         Some(nodes)
     }
 
+    /// Whether node `index` is to be baked.
+    pub fn is_wanted(&self, index: usize) -> bool {
+        self.wanted.is_empty() || self.wanted[index]
+    }
+
+    /// Number of nodes to be baked.
+    pub fn wanted_count(&self) -> usize {
+        (0..self.len()).filter(|&index| self.is_wanted(index)).count()
+    }
+
+    /// Whether a lamp at `point` is split over nodes that are all to be baked.
+    pub fn reaches(&self, point: DVec3) -> bool {
+        self.around(point).is_some_and(|nodes| nodes.iter().all(|&node| self.is_wanted(node)))
+    }
+
     /// Position of node `index`.
     pub fn position(&self, index: usize) -> DVec3 {
         let (nx, ny) = (self.x_m.len(), self.y_m.len());

@@ -9,7 +9,7 @@ use crate::progress::Progress;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::judge::{Verdict, judge, shifted_strokes, test_strokes};
 use crate::response::{BakedResponse, LampGrid, LampSpacing, Sources, bake_response, lamp_grid};
-use crate::trial::{count, grid_section};
+use crate::trial::grid_section;
 use glam::DVec3;
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
@@ -166,7 +166,7 @@ pub(crate) fn strokes_for(
         DVec3::new(lamps.x_m[0], lamps.y_m[0], lamps.z_m[0]),
         DVec3::new(last(&lamps.x_m), last(&lamps.y_m), last(&lamps.z_m)),
     ];
-    let usable = |point: DVec3| touches_wanted(lamps, point);
+    let usable = |point: DVec3| lamps.reaches(point);
     if clouds.lamps.prune {
         let own: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lamps(0.0)).collect();
         shifted_strokes(&own, usable, 0.5 * spacing_m, numbers)
@@ -195,7 +195,7 @@ pub(crate) fn reach_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> [DVec
     [clouds.lamps.low_m.map_or(low, DVec3::from_array), clouds.lamps.high_m.map_or(high, DVec3::from_array)]
 }
 
-/// The lamp grid of a recipe at a spacing; 0 is a twelfth of the longest side.
+/// The lamp grid of a recipe at a spacing, m.
 pub(crate) fn place_lamps(
     recipe: &Recipe,
     clouds: &Clouds,
@@ -207,15 +207,17 @@ pub(crate) fn place_lamps(
     let base = occupied
         .map_or(cloud.origin_m.z, |at| cloud.origin_m.z + cloud.shape.cell(at)[2] as f64 * cloud.cell_m[2]);
     let size = high - low;
-    let base_m = if spacing_m > 0.0 { spacing_m } else { size.max_element() / 12.0 };
-    let nodes = (size / base_m).ceil() + DVec3::ONE;
+    let nodes = (size / spacing_m).ceil() + DVec3::ONE;
     if nodes.x * nodes.y * nodes.z > MAX_LAMPS {
         let wanted = format!("at most {MAX_LAMPS} virtual lamps");
         let found = format!("about {} × {} × {}", nodes.x, nodes.y, nodes.z);
         return Err(BakeError::input(&recipe.file, "clouds.lightning.spacing_m", wanted, found));
     }
-    let spacing =
-        LampSpacing { base_m, epsilon: clouds.lamps.epsilon_per_m2, longest_m: clouds.lamps.longest_m };
+    let spacing = LampSpacing {
+        base_m: spacing_m,
+        epsilon: clouds.lamps.epsilon_per_m2,
+        longest_m: clouds.lamps.longest_m,
+    };
     let mut grid = lamp_grid(low, high, base, spacing);
     if clouds.lamps.prune {
         grid.wanted = vec![false; grid.len()];
@@ -230,12 +232,6 @@ pub(crate) fn place_lamps(
 
 /// More virtual lamps than this would take days: a typing error in the spacing, most likely.
 const MAX_LAMPS: f64 = 2e6;
-
-/// Whether a lamp at `point` splits over nodes that are baked.
-fn touches_wanted(grid: &LampGrid, point: DVec3) -> bool {
-    grid.around(point)
-        .is_some_and(|nodes| grid.wanted.is_empty() || nodes.iter().all(|&node| grid.wanted[node]))
-}
 
 /// Writes down what was asked, got and chosen.
 fn report(
@@ -271,7 +267,7 @@ fn report(
     add("response codec", metric, None, codec_error.tail, &codec, false);
     add("response codec", "median pointwise relit error", None, codec_error.median, &codec, false);
     let response::SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &baked.head.sources;
-    let baked_lamps = count(&rows.iter().map(|&row| row != response::NO_ROW).collect::<Vec<_>>());
+    let baked_lamps = rows.iter().filter(|&&row| row != response::NO_ROW).count();
     let grid = format!(
         "{baked_lamps} of {} × {} × {} lamps, {} channels",
         x_m.len(),
@@ -289,17 +285,12 @@ fn report(
     report_solver(baked, choice, provenance);
 }
 
-/// Directions of a set as [`response::SolverRecord`] names it.
-fn direction_count([polar, azimuths]: [u8; 2]) -> usize {
-    if polar == 0 { usize::from(azimuths) } else { 2 * usize::from(polar) * usize::from(azimuths) }
-}
-
 fn report_solver(baked: &BakedResponse, choice: &Choice, provenance: &mut ProvenanceSection) {
     let record = &baked.head.solver;
     let solver = format!(
         "refinement {}, {} directions, {} scheme",
         choice.settings.refine,
-        direction_count(record.directions),
+        choice.settings.solve.quadrature.ordinates().map_or(0, |set| set.len()),
         format!("{:?}", record.scheme).to_lowercase()
     );
     provenance.budgets.push(BudgetRecord {
