@@ -2,6 +2,7 @@
 //! so that the same recipe gives the same asset.
 
 pub mod clouds;
+pub mod cost;
 pub mod solver;
 pub mod streaks;
 

@@ -3,12 +3,13 @@
 //! A part's distance is its own error measure, with the second asset in the place of the truth.
 
 use crate::error::BakeError;
-use crate::response::judge::{compare, spread, test_strokes};
+use crate::response::judge::{Views, test_strokes};
 use crate::streak::{draw, quality};
 use serde::Serialize;
 use squall_formats::Tag;
 use squall_formats::container::Entry;
 use squall_formats::drops::View;
+use squall_formats::eyes::EyeBox;
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
@@ -229,6 +230,10 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         found.cannot(tag, "rows that hold other parts of the light");
         return Ok(());
     }
+    let Some(views) = common_views(&x, &r) else {
+        found.cannot(tag, "clouds baked for eyes in boxes that do not meet");
+        return Ok(());
+    };
     let both = |lamp: &LampPoint| x.reaches(lamp.position) && r.reaches(lamp.position);
     let mut strokes: Vec<Vec<LampPoint>> = Vec::new();
     for asset in [a, b] {
@@ -254,9 +259,10 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     for lamps in &strokes {
         let light = |relighter: &Relighter<'_>| -> Result<Vec<f32>, BakeError> {
             let mut buffers = RelightBuffers::default();
-            Ok(spread(&relighter.relight(lamps, RelightOptions::default(), &mut buffers)?))
+            let relit = relighter.relight(lamps, RelightOptions::default(), &mut buffers)?;
+            Ok(views.light(&relit, &views.factors(relit.basis, relit.frame.as_ref())))
         };
-        let error = compare(&light(&x)?, &light(&r)?);
+        let error = views.compare(&light(&x)?, &light(&r)?);
         square += error.l2 * error.l2;
         tail = tail.max(error.tail);
         median = median.max(error.median);
@@ -266,6 +272,21 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     found.measured(tag, "relit light, 99.9th percentile over the peak, worst stroke", tail);
     found.measured(tag, "relit light, median pointwise, worst stroke", median);
     Ok(())
+}
+
+/// Views of the cells that both assets know, in the 26 directions or towards eyes in the boxes of either; `None` where those do not
+/// meet.
+fn common_views(x: &Relighter<'_>, r: &Relighter<'_>) -> Option<Views> {
+    let eyes = match (x.eyes(), r.eyes()) {
+        (Some(x), Some(r)) => Some(EyeBox {
+            low_m: std::array::from_fn(|axis| x.low_m[axis].max(r.low_m[axis])),
+            high_m: std::array::from_fn(|axis| x.high_m[axis].min(r.high_m[axis])),
+        }),
+        (x, r) => x.or(r).copied(),
+    };
+    let meets = |eyes: &EyeBox| (0..3).all(|axis| eyes.low_m[axis] <= eyes.high_m[axis]);
+    let known = |cell: usize| [x, r].iter().all(|relighter| relighter.response().head.sees(cell));
+    eyes.as_ref().is_none_or(meets).then(|| Views::new(x.cloud(), eyes.as_ref(), 0, known))
 }
 
 fn compare_streaks(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {

@@ -35,6 +35,8 @@ pub struct Fields {
     pub phi_direct: Estimate,
     /// J per cell towards each orthographic camera, by its name, W/(m² sr): ∫ p L dω, all orders.
     pub towards: Vec<(String, Estimate)>,
+    /// 1 in cells whose light is known, 0 in others; absent where all are. [`Fields::write`]: `seen.f32`.
+    pub seen: Option<Estimate>,
     /// Scattered light's radiance per pixel of each camera, by its name and width, W/(m² sr).
     pub images: Vec<(String, usize, Estimate)>,
 }
@@ -68,6 +70,7 @@ impl Fields {
             phi_scattered: truth.phi_scattered().into(),
             phi_direct: truth.phi_direct().into(),
             towards,
+            seen: None,
             images,
         })
     }
@@ -81,13 +84,15 @@ impl Fields {
         };
         add("phi_sc".into(), &self.phi_scattered);
         add("phi_dir".into(), &self.phi_direct);
+        self.seen.iter().for_each(|seen| add("seen".into(), seen));
         self.towards.iter().for_each(|(camera, j)| add(format!("jcam_{camera}"), j));
         self.images.iter().for_each(|(camera, _, image)| add(format!("image_{camera}"), image));
         names.extend(self.images.iter().map(|(camera, ..)| format!("image_{camera}.exr")));
         names
     }
 
-    /// Writes everything into `folder`, which exists: `phi_sc.f32`, `phi_dir.f32`, `jcam_<camera>.f32`, `image_<camera>.f32`
+    /// Writes everything into `folder`, which exists: `phi_sc.f32`, `phi_dir.f32`, `seen.f32` where not all are, `jcam_<camera>.f32`,
+    /// `image_<camera>.f32`
     /// and `.exr`, and `<name>_se.f32` beside each `.f32` that has errors. Returns the files' names. Each file appears whole
     /// or not at all.
     ///
@@ -105,6 +110,9 @@ impl Fields {
         };
         write("phi_sc".into(), &self.phi_scattered)?;
         write("phi_dir".into(), &self.phi_direct)?;
+        if let Some(seen) = &self.seen {
+            write("seen".into(), seen)?;
+        }
         for (camera, j) in &self.towards {
             write(format!("jcam_{camera}"), j)?;
         }

@@ -270,6 +270,7 @@ impl Sums {
         let fields = Fields {
             phi_scattered: field(0),
             phi_direct: field(1),
+            seen: None,
             towards: towards.map(|(i, name)| ((*name).clone(), field(photon::FLUENCES + i))).collect(),
             images: cameras
                 .iter()

@@ -24,8 +24,9 @@ use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::flash::{self, DirectSettings};
 use squall_runtime::live::{DirectCells, LiveLight, LiveSolver};
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit, channel_factors};
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit};
 use squall_runtime::shade::cloud::{LitCloud, corners, direction_to};
+use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 use std::time::Instant;
 
@@ -86,9 +87,9 @@ pub struct LiveReport {
 }
 
 /// Everything that a J in some direction is made of, per cell.
+#[derive(Clone)]
 struct LitCells<'a> {
-    basis: ChannelBasis,
-    planes: &'a [f32],
+    rows: Relit<'a>,
     live: Option<&'a LiveLight>,
     /// J of direct light towards the eye, for what is not followed ray by ray.
     direct: Vec<f32>,
@@ -96,7 +97,8 @@ struct LitCells<'a> {
 
 /// Relights the asset's cloud by `lamps`, as `camera` sees it; with `cells` the per-cell fields too.
 ///
-/// Errors: rows without direct light asked for theirs, a damaged row, a live solve that does not converge, an interruption.
+/// Errors: rows without direct light asked for theirs, a camera or fields that the asset was not baked for, a damaged row, a live
+/// solve that does not converge, an interruption.
 pub fn relight(
     relighter: &Relighter<'_>,
     lamps: &[LampPoint],
@@ -106,6 +108,11 @@ pub fn relight(
     progress: &dyn Progress,
 ) -> Result<(Fields, RelitReport), BakeError> {
     let (cloud, head) = (relighter.cloud(), &relighter.response().head);
+    relighter.check_camera(camera)?;
+    if let (true, ChannelBasis::Eyes { .. }) = (cells, head.channels) {
+        let wanted = "channels over the whole sphere: the asset's hold light towards eyes alone, and pictures can be made of them";
+        return Err(RuntimeError::argument("fields", wanted, "fluence per cell asked for").into());
+    }
     let in_rows = head.direct == DirectTerm::InRows;
     let from = direct_from.unwrap_or(if in_rows { DirectFrom::Rows } else { DirectFrom::Lamps });
     if from == DirectFrom::Rows && !in_rows {
@@ -119,7 +126,7 @@ pub fn relight(
     let mut buffers = RelightBuffers::default();
     let relit = relighter.relight(&inside, RelightOptions::default(), &mut buffers)?;
     let relight_ms = start.elapsed().as_secs_f64() * 1e3;
-    let (basis, mut planes) = (relit.basis, relit.planes.to_vec());
+    let (basis, frame, mut planes) = (relit.basis, relit.frame, relit.planes.to_vec());
     let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
     let size = norm(&mut planes.iter().map(|&v| f64::from(v)));
     let bound = norm(&mut relighter.error_bounds(&buffers).into_iter());
@@ -152,8 +159,8 @@ pub fn relight(
     let exact = rays.len() * (camera.width * camera.height) as usize <= EXACT_WORK;
 
     let mut fields = Fields::default();
-    let mut lit =
-        LitCells { basis, planes: &planes, live: live.as_ref().map(|(live, _)| live), direct: Vec::new() };
+    let rows = Relit { basis, frame, cells: cloud.shape.len(), planes: &planes };
+    let mut lit = LitCells { rows, live: live.as_ref().map(|(live, _)| live), direct: Vec::new() };
     // Direct light of the lamps that the rows do not answer for, towards an orthographic camera.
     let cell_direct = (cells || !exact && !towards.is_empty()).then(|| {
         let mut sum = outside_direct.clone();
@@ -170,14 +177,22 @@ pub fn relight(
             strip(&mut bare);
             known.add(&solver.direct(&virtual_lamps, &[], SAMPLES_OF_ROWS));
         }
-        let bare = LitCells { planes: &bare, direct: Vec::new(), ..lit };
-        let scattered = (0..cloud.shape.len()).map(|cell| bare.fluence(cell) + known.forward[cell]);
+        let bare = LitCells { rows: Relit { planes: &bare, ..rows }, direct: Vec::new(), ..lit };
+        // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
+        let known_in = |cell: usize, value: f32| if head.sees(cell) { value } else { 0.0 };
+        let scattered =
+            (0..cloud.shape.len()).map(|cell| known_in(cell, bare.fluence(cell) + known.forward[cell]));
         fields.phi_scattered = scattered.collect::<Vec<f32>>().into();
         fields.phi_direct = known.unscattered.into();
         if let Some(&towards) = towards.first() {
-            let mut j = lit.towards(towards);
+            let mut j = lit.towards(cloud, |_| towards);
             j.iter_mut().zip(&direct.towards).for_each(|(sum, value)| *sum += value);
+            j.iter_mut().enumerate().for_each(|(cell, value)| *value = known_in(cell, *value));
             fields.towards.push((name.to_owned(), j.into()));
+        }
+        if head.seen.is_some() {
+            let seen = (0..cloud.shape.len()).map(|cell| f32::from(u8::from(head.sees(cell))));
+            fields.seen = Some(seen.collect::<Vec<f32>>().into());
         }
     }
 
@@ -256,13 +271,15 @@ fn look(
         extinction_scale: relighter.extinction_scale(),
         longest_step: shortest(cloud.cell_m),
     };
+    // Light towards eyes alone is that of each cell towards this one.
+    let for_eyes = matches!(lit.rows.basis, ChannelBasis::Eyes { .. });
     let even = match camera.projection {
-        Projection::Orthographic { .. } => {
-            let mut j = lit.towards(-camera.forward);
+        Projection::Perspective { .. } if !for_eyes => None,
+        _ => {
+            let mut j = lit.towards(cloud, |cell| direction_to(camera, cell));
             j.iter_mut().zip(&lit.direct).for_each(|(sum, value)| *sum += value);
             Some(j)
         }
-        Projection::Perspective { .. } => None,
     };
     Sampling::new(camera, cloud, lights).picture(progress, |x, y, width| {
         let ray = camera.ray(x, y);
@@ -290,21 +307,22 @@ struct Factors {
 }
 
 impl LitCells<'_> {
-    fn cells(&self) -> usize {
-        self.planes.len() / self.basis.count()
+    /// For every cell, where channels mean the same in each.
+    fn factors(&self, towards: DVec3) -> Factors {
+        self.factors_at(DVec3::ZERO, towards)
     }
 
-    fn factors(&self, towards: DVec3) -> Factors {
+    fn factors_at(&self, cell_m: DVec3, towards: DVec3) -> Factors {
         let mut all = Vec::new();
-        channel_factors(self.basis, towards, &mut all);
+        self.rows.factors(cell_m, towards, &mut all);
         let planes = all.into_iter().enumerate().filter(|(_, factor)| *factor != 0.0).collect();
         Factors { planes, live: sphere::harmonics(towards.to_array()).map(|v| v as f32) }
     }
 
     /// J of rows and live light in one cell.
     fn value(&self, cell: usize, factors: &Factors) -> f32 {
-        let cells = self.cells();
-        let rows: f32 = factors.planes.iter().map(|(plane, f)| f * self.planes[plane * cells + cell]).sum();
+        let Relit { cells, planes, .. } = self.rows;
+        let rows: f32 = factors.planes.iter().map(|(plane, f)| f * planes[plane * cells + cell]).sum();
         let live = self.live.map_or(0.0, |live| {
             let row = &live.coefficients[cell * MAX_HARMONICS..][..MAX_HARMONICS];
             row.iter().zip(&factors.live).map(|(a, b)| a * b).sum()
@@ -312,15 +330,18 @@ impl LitCells<'_> {
         rows + live
     }
 
-    /// J of rows and live light in every cell.
-    fn towards(&self, direction: DVec3) -> Vec<f32> {
-        let factors = self.factors(direction);
-        (0..self.cells()).into_par_iter().map(|cell| self.value(cell, &factors)).collect()
+    /// J of rows and live light in every cell, in a direction that may depend on the cell's middle.
+    fn towards(&self, cloud: &Cloud, direction: impl Fn(DVec3) -> DVec3 + Sync) -> Vec<f32> {
+        let one = |cell: usize| {
+            let middle = cloud.centre(cloud.shape.cell(cell));
+            self.value(cell, &self.factors_at(middle, direction(middle)))
+        };
+        (0..self.rows.cells).into_par_iter().map(one).collect()
     }
 
     /// Fluence rate of rows and live light in one cell.
     fn fluence(&self, cell: usize) -> f32 {
-        let rows = Relit { basis: self.basis, cells: self.cells(), planes: self.planes }.fluence(cell);
+        let rows = self.rows.fluence(cell).unwrap_or_default();
         let live = self.live.map_or(0.0, |live| live.coefficients[cell * MAX_HARMONICS]);
         rows + live * libm::sqrtf(4.0 * std::f32::consts::PI)
     }

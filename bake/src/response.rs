@@ -6,6 +6,7 @@
 //! what compression costs.
 
 pub mod directions;
+pub mod eyes;
 pub mod judge;
 pub mod lamps;
 mod solved;
@@ -15,14 +16,17 @@ use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
 pub use directions::{add_direct, in_26_directions};
+use eyes::EyeMap;
 use glam::DVec3;
 pub use lamps::{LampGrid, LampSpacing, lamp_grid};
 use rayon::prelude::*;
 pub use solved::SolvedRows;
+use solved::TowardsEyes;
+use squall_formats::eyes::EyeBox;
 use squall_formats::haar::Haar;
 use squall_formats::section::response::{
     ChannelBasis, Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
-    SolverRecord, SourceBasis,
+    SolverRecord, SourceBasis, pack_seen,
 };
 use squall_formats::sphere::{self, MAX_HARMONICS, degree_of};
 use squall_runtime::relight::LampPoint;
@@ -36,6 +40,9 @@ use squall_runtime::transport::solve::{
 };
 use std::sync::Arc;
 use unseen::Unseen;
+
+/// What polynomials towards eyes are made from.
+const SOLVED: ChannelBasis = ChannelBasis::Harmonics { degree: 3 };
 
 /// Lamps solved side by side.
 pub const BATCH: usize = 16;
@@ -55,6 +62,8 @@ pub struct ResponseSettings {
     pub relative_error: f64,
     /// Leave out the light of cells that no ray shades with: [`unseen`].
     pub seen_only: bool,
+    /// Where eyes may stand; anywhere where absent. With `seen_only`, cells that none of them sees are left out too.
+    pub eyes: Option<EyeBox>,
     /// Solve cells per stored cell and axis.
     pub refine: u32,
     /// Direct rays per boundary face of the solve grid and axis.
@@ -148,7 +157,11 @@ pub fn solve_rows(
     let solved =
         solve_each_row(cloud, sources, settings, tests, progress, (&keep, &mut |row| planes.push(row)))?;
     let (head, tests, sweeps) = solved;
-    Ok(SolvedRows { head, planes, tests, sweeps })
+    let towards = match (settings.channels, &settings.eyes) {
+        (SOLVED, Some(eyes)) => Some(TowardsEyes::new(cloud, eyes, settings.seen_only)),
+        _ => None,
+    };
+    Ok(SolvedRows { head, planes, tests, sweeps, towards })
 }
 
 /// Strokes with their truth: each solved directly, in the same way as rows are.
@@ -185,9 +198,21 @@ fn solve_each_row<R: Send>(
         solver: &solver,
         parent,
         haar: Haar::new(cloud.shape),
-        unseen: if settings.seen_only { Unseen::new(cloud) } else { None },
+        unseen: if settings.seen_only { Unseen::new(cloud, settings.eyes.as_ref()) } else { None },
+        eye_map: match (settings.channels, &settings.eyes) {
+            (ChannelBasis::Eyes { degree }, Some(eyes)) => Some(EyeMap::new(cloud, eyes, degree)),
+            _ => None,
+        },
         directions: sphere::directions_26().map(DVec3::from_array),
     };
+    if context.unseen.as_ref().is_some_and(|unseen| !unseen.seen().contains(&true)) {
+        return Err(BakeError::NotReached {
+            what: "the cloud's response".into(),
+            wanted: "cells that an eye can see".into(),
+            reached: "none".into(),
+            hint: "a cloud with some density, or eyes that it does not hide from".into(),
+        });
+    }
     let grid = &sources.lamps;
     let nodes: Vec<usize> = (0..grid.len()).filter(|&node| grid.is_wanted(node)).collect();
     let mut node_rows = vec![NO_ROW; grid.len()];
@@ -218,6 +243,8 @@ fn solve_each_row<R: Send>(
             worst_residual: 0.0,
             most_sweeps: 0,
         },
+        eyes: settings.eyes,
+        seen: context.unseen.as_ref().map(|unseen| pack_seen(unseen.seen())),
     };
     let weights: Vec<Vec<(u32, f32)>> = strokes.iter().map(|lamps| split_stroke(&head, lamps)).collect();
 
@@ -328,6 +355,7 @@ struct Context<'a> {
     parent: CoarseIndex,
     haar: Haar,
     unseen: Option<Unseen>,
+    eye_map: Option<EyeMap>,
     directions: [DVec3; 26],
 }
 
@@ -410,29 +438,29 @@ impl Context<'_> {
     fn channels<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
         let coefficients = self.coefficients(lane, work);
         let cells = coefficients.len() / MAX_HARMONICS;
-        let count = self.settings.channels.count();
+        let basis = if self.eye_map.is_some() { SOLVED } else { self.settings.channels };
+        let count = basis.count();
         let mut planes = vec![0.0f32; cells * count];
-        match self.settings.channels {
-            ChannelBasis::Harmonics { .. } => {
-                for (cell, values) in coefficients.chunks_exact(MAX_HARMONICS).enumerate() {
-                    for channel in 0..count {
-                        planes[channel * cells + cell] = values[channel];
-                    }
-                }
-            }
+        let directions;
+        let (values, stride): (&[f32], usize) = match basis {
             ChannelBasis::Directions26 => {
-                let all = in_26_directions(&coefficients);
-                for (cell, values) in all.chunks_exact(26).enumerate() {
-                    for channel in 0..26 {
-                        planes[channel * cells + cell] = values[channel];
-                    }
-                }
+                directions = in_26_directions(&coefficients);
+                (&directions, 26)
+            }
+            ChannelBasis::Harmonics { .. } | ChannelBasis::Eyes { .. } => (&coefficients, MAX_HARMONICS),
+        };
+        for (cell, values) in values.chunks_exact(stride).enumerate() {
+            for channel in 0..count {
+                planes[channel * cells + cell] = values[channel];
             }
         }
         if in_rows {
-            add_direct(self.settings.channels, &work.towards[lane], 1.0, &mut planes);
+            add_direct(basis, &work.towards[lane], 1.0, &mut planes);
         }
-        planes
+        match &self.eye_map {
+            Some(map) => map.apply(&planes),
+            None => planes,
+        }
     }
 
     fn solve_batch<R>(

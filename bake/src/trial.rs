@@ -3,10 +3,11 @@
 //! Budgets choose by these figures and charts show them. Everything here is a function of the inputs; nothing looks at a clock.
 
 use crate::budget::clouds::STROKES;
+use crate::budget::cost::most_relight_ms;
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::recipe::Recipe;
-use crate::response::judge::{Verdict, judge};
+use crate::response::judge::{Judge, Verdict};
 use crate::response::{
     BakedResponse, LampGrid, ResponseSettings, SolvedRows, Sources, TestStroke, solve_rows,
 };
@@ -52,6 +53,7 @@ pub fn asset_of(cloud: &Cloud, baked: BakedResponse) -> Result<(Asset, u64), Bak
 pub struct Trial<'a> {
     cloud: &'a Cloud,
     solved: SolvedRows,
+    judge: Judge,
     /// Lamps that a bake of this grid would solve for.
     pub lamps: usize,
     /// Rows of distant light beside them.
@@ -65,6 +67,8 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// Bytes of the whole response, estimated from those of the tried rows.
     pub bytes: u64,
+    /// Milliseconds that relighting a stroke counts for, at most: [`crate::budget::cost`].
+    pub relight_ms: f64,
 }
 
 impl<'a> Trial<'a> {
@@ -83,7 +87,8 @@ impl<'a> Trial<'a> {
         let wanted = lamps.wanted_count();
         let sources = Sources { lamps: LampGrid { wanted: touched, ..lamps.clone() }, distant: Vec::new() };
         let solved = solve_rows(cloud, &sources, settings, strokes, known, progress)?;
-        Ok(Self { cloud, solved, lamps: wanted, distant })
+        let judge = Judge::new(cloud, settings.eyes.as_ref(), settings.direct, &solved.tests, 0);
+        Ok(Self { cloud, solved, judge, lamps: wanted, distant })
     }
 
     /// Codes the rows.
@@ -100,9 +105,12 @@ impl<'a> Trial<'a> {
         // The head names every node of the grid, solved or not; index, bounds and rows grow with the rows.
         let head = meta::encode(&coded.head).len() as u64;
         let (asset, bytes) = asset_of(self.cloud, coded)?;
-        let verdict = judge(&Relighter::new(&asset)?, &tests)?;
+        let relighter = Relighter::new(&asset)?;
+        let verdict = self.judge.verdict(&relighter, &tests)?;
+        let relight_ms = most_relight_ms(&relighter, tests.iter().map(|test| test.lamps.as_slice()))?;
         let rows = (self.lamps + self.distant) as u64;
-        Ok(Outcome { verdict, bytes: head + bytes.saturating_sub(head) * rows / tried as u64 })
+        let bytes = head + bytes.saturating_sub(head) * rows / tried as u64;
+        Ok(Outcome { verdict, bytes, relight_ms })
     }
 
     /// Bytes that the solved rows of such a trial take.

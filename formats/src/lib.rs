@@ -9,6 +9,7 @@
 pub mod container;
 pub mod drops;
 pub mod error;
+pub mod eyes;
 pub mod grid;
 pub mod haar;
 pub mod meta;

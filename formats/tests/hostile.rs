@@ -5,12 +5,14 @@
 
 use peak_alloc::PeakAlloc;
 use proptest::prelude::*;
-use squall_formats::container::Directory;
+use squall_formats::container::{Directory, OutSection};
+use squall_formats::eyes::EyeBox;
 use squall_formats::section::bolt::{BoltSection, StrokeRecord};
 use squall_formats::section::check::check;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{
-    ChannelBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection, SourceBasis, write,
+    ChannelBasis, ChannelBound, DirectTerm, DistantKind, ResponseHead, ResponseRows, ResponseSection,
+    SourceBasis, pack_seen, write,
 };
 use squall_formats::section::{KNOWN, is_known};
 use squall_formats::{GridShape, Limits, ReadError, Tag};
@@ -48,6 +50,7 @@ impl Aligned {
 
 struct Sample {
     tag: Tag,
+    version: u16,
     head: usize,
     bytes: Aligned,
 }
@@ -63,14 +66,39 @@ fn samples() -> Vec<Sample> {
         let bytes = std::fs::read(file).unwrap();
         for entry in Directory::read(&bytes, &Limits::default()).unwrap().entries {
             let part = Aligned::new(entry.bytes(&bytes).unwrap());
-            samples.push(Sample { tag: entry.tag, head: entry.head_length as usize, bytes: part });
+            let (tag, version) = (entry.tag, entry.version);
+            samples.push(Sample { tag, version, head: entry.head_length as usize, bytes: part });
         }
     }
+    // The newest version of the response, with all that it may hold.
+    let old = samples.iter().rfind(|sample| sample.tag == ResponseSection::TAG).unwrap();
+    let section = newest_response(old.bytes.bytes(), |_| ());
+    let (tag, version, head) = (ResponseSection::TAG, ResponseSection::VERSION, section.head_length as usize);
+    samples.push(Sample { tag, version, head, bytes: Aligned::new(&section.to_bytes()) });
     samples
 }
 
+/// A response of version 1 as one of the newest, with eyes and cells that they do not see, and `spoil`ed.
+fn newest_response(bytes: &[u8], spoil: fn(&mut ResponseHead)) -> OutSection {
+    let old = ResponseSection::read(bytes, 1, &Limits::default()).unwrap();
+    let mut head = old.head.clone();
+    head.channels = ChannelBasis::Eyes { degree: 1 };
+    head.direct = DirectTerm::AtRunTime;
+    head.eyes = Some(EyeBox { low_m: [-10.0, -20.0, 0.0], high_m: [10.0, 20.0, 5.0] });
+    head.seen = Some(pack_seen(&(0..head.shape.len()).map(|cell| cell % 3 > 0).collect::<Vec<bool>>()));
+    spoil(&mut head);
+    let channels = ChannelBasis::Eyes { degree: 1 }.count();
+    let row = [[0; 4], 0.5f32.to_le_bytes(), [0; 4]].concat().repeat(channels);
+    let bounds = vec![ChannelBound::default(); channels * old.row_count()];
+    write(&head, ResponseRows { rows: vec![row; old.row_count()], bounds })
+}
+
 fn read(tag: Tag, bytes: &[u8]) -> Result<(), ReadError> {
-    check(tag, bytes, 1, &Limits::default()).map(|_| ())
+    read_as(tag, 1, bytes)
+}
+
+fn read_as(tag: Tag, version: u16, bytes: &[u8]) -> Result<(), ReadError> {
+    check(tag, bytes, version, &Limits::default()).map(|_| ())
 }
 
 /// Runs `work`, which reads many variants of a section's bytes, and fails if any of them took much memory.
@@ -94,7 +122,7 @@ fn the_golden_assets_hold_every_kind_of_section_and_all_are_sound() {
     let samples = samples();
     for sample in &samples {
         assert!(is_known(sample.tag));
-        read(sample.tag, sample.bytes.bytes()).unwrap();
+        read_as(sample.tag, sample.version, sample.bytes.bytes()).unwrap();
     }
     for &tag in KNOWN {
         assert!(samples.iter().any(|sample| sample.tag == tag), "no golden asset holds {tag}");
@@ -107,12 +135,20 @@ fn a_section_cut_or_lengthened_at_any_byte_is_refused() {
     for sample in samples() {
         within_bounds(&sample, |bytes| {
             for cut in 0..bytes.1 {
-                assert!(read(sample.tag, &bytes.bytes()[..cut]).is_err(), "{} cut at {cut}", sample.tag);
+                assert!(
+                    read_as(sample.tag, sample.version, &bytes.bytes()[..cut]).is_err(),
+                    "{} cut at {cut}",
+                    sample.tag
+                );
             }
         });
         for more in [1, 4, 8, 64] {
             let longer = Aligned::new(&[sample.bytes.bytes(), &vec![0; more]].concat());
-            assert!(read(sample.tag, longer.bytes()).is_err(), "{} and {more} bytes", sample.tag);
+            assert!(
+                read_as(sample.tag, sample.version, longer.bytes()).is_err(),
+                "{} and {more} bytes",
+                sample.tag
+            );
         }
     }
 }
@@ -126,7 +162,7 @@ fn any_flipped_bit_of_a_head_is_an_error_or_a_value_and_takes_no_memory() {
             for at in 0..head {
                 for bit in 0..8 {
                     spoilt.bytes_mut()[at] ^= 1u8 << bit;
-                    let _ = read(tag, spoilt.bytes());
+                    let _ = read_as(tag, sample.version, spoilt.bytes());
                     spoilt.bytes_mut()[at] ^= 1u8 << bit;
                 }
             }
@@ -136,7 +172,7 @@ fn any_flipped_bit_of_a_head_is_an_error_or_a_value_and_takes_no_memory() {
             let mut spoilt = sample.bytes.clone();
             for at in (head..spoilt.1).step_by(13) {
                 spoilt.bytes_mut()[at] ^= 1u8 << (at % 8);
-                assert!(read(tag, spoilt.bytes()).is_err(), "byte {at}");
+                assert!(read_as(tag, sample.version, spoilt.bytes()).is_err(), "byte {at}");
                 spoilt.bytes_mut()[at] ^= 1u8 << (at % 8);
             }
         }
@@ -155,7 +191,7 @@ fn a_huge_count_anywhere_in_a_head_takes_no_memory() {
                 before.copy_from_slice(&spoilt.bytes()[at..at + 8]);
                 for count in COUNTS {
                     spoilt.bytes_mut()[at..at + 8].copy_from_slice(&count.to_le_bytes());
-                    let _ = read(tag, spoilt.bytes());
+                    let _ = read_as(tag, sample.version, spoilt.bytes());
                 }
                 spoilt.bytes_mut()[at..at + 8].copy_from_slice(&before);
             }
@@ -185,7 +221,8 @@ fn every_limit_is_kept() {
 fn a_newer_version_of_any_section_is_refused_by_name() {
     let _turn = alone();
     for sample in samples() {
-        for version in [0, 2, u16::MAX] {
+        let newest = if sample.tag == ResponseSection::TAG { ResponseSection::VERSION } else { 1 };
+        for version in [0, newest + 1, u16::MAX] {
             let error = check(sample.tag, sample.bytes.bytes(), version, &Limits::default()).unwrap_err();
             let words = format!("section {}: version {version}", sample.tag);
             assert!(error.to_string().contains(&words), "{error}");
@@ -212,7 +249,7 @@ proptest! {
         let (from, to) = (from.index(end + 1), to.index(end + 1));
         let length = length.min(sample.bytes.1);
         bytes.bytes_mut().copy_within(from..from + length, to);
-        let _ = read(sample.tag, bytes.bytes());
+        let _ = read_as(sample.tag, sample.version, bytes.bytes());
     }
 }
 
@@ -342,7 +379,8 @@ fn each_damaged_field_of_a_response_is_named() {
         ("channel mean and step", |_, rows| rows.rows[2][4..8].copy_from_slice(&f32::MAX.to_le_bytes())),
         ("row", |_, rows| rows.rows[2].push(0)),
     ];
-    let bytes = samples().into_iter().rfind(|sample| sample.tag == ResponseSection::TAG).map(|s| s.bytes);
+    let bytes =
+        samples().into_iter().rfind(|s| s.tag == ResponseSection::TAG && s.version == 1).map(|s| s.bytes);
     let other = sample(ResponseSection::TAG);
     // Of the two goldens, the one with distant light.
     for bytes in [bytes.unwrap(), other] {
@@ -355,9 +393,51 @@ fn each_damaged_field_of_a_response_is_named() {
             let mut head = good.head.clone();
             let mut rows = ResponseRows { rows: rows.clone(), bounds: good.bounds.to_vec() };
             spoil(&mut head, &mut rows);
-            names(field, read(ResponseSection::TAG, Aligned::new(&write(&head, rows).to_bytes()).bytes()));
+            let bytes = write(&head, rows).to_bytes();
+            let newest = ResponseSection::VERSION;
+            names(field, read_as(ResponseSection::TAG, newest, Aligned::new(&bytes).bytes()));
         }
         return;
     }
     panic!("no golden asset has distant light");
+}
+
+#[test]
+fn each_damaged_field_of_eyes_and_seen_cells_is_named() {
+    let _turn = alone();
+    type Spoil = fn(&mut ResponseHead);
+    let damage: [(&str, Spoil); 9] = [
+        ("channels", |head| head.channels = ChannelBasis::Eyes { degree: 3 }),
+        ("channels", |head| head.eyes = None),
+        ("channels", |head| head.direct = DirectTerm::InRows),
+        ("eyes", |head| head.eyes.as_mut().unwrap().low_m[1] = f64::NAN),
+        ("eyes", |head| head.eyes.as_mut().unwrap().low_m[1] = 20.5),
+        ("eyes", |head| head.eyes.as_mut().unwrap().high_m[2] = f64::INFINITY),
+        ("seen cells", |head| head.seen.as_mut().unwrap().push(0)),
+        ("seen cells", |head| head.seen = Some(Vec::new())),
+        ("seen cells", |head| {
+            head.shape.nz -= 1;
+            head.shape.nx -= 1;
+        }),
+    ];
+    let old = sample(ResponseSection::TAG);
+    let good = newest_response(old.bytes(), |_| ()).to_bytes();
+    read_as(ResponseSection::TAG, ResponseSection::VERSION, Aligned::new(&good).bytes()).unwrap();
+    for (field, spoil) in damage {
+        let bytes = newest_response(old.bytes(), spoil).to_bytes();
+        names(field, read_as(ResponseSection::TAG, ResponseSection::VERSION, Aligned::new(&bytes).bytes()));
+    }
+    // Version 1 has none of this: its channels cannot be those, and its record ends before.
+    let bytes = Aligned::new(&good);
+    assert!(read(ResponseSection::TAG, bytes.bytes()).is_err());
+}
+
+#[test]
+fn a_bit_a_cell_says_which_are_seen() {
+    let old = sample(ResponseSection::TAG);
+    let head = ResponseSection::read(old.bytes(), 1, &Limits::default()).unwrap().head;
+    let seen: Vec<bool> = (0..head.shape.len()).map(|cell| cell % 5 == 2).collect();
+    let packed = ResponseHead { seen: Some(pack_seen(&seen)), ..head.clone() };
+    assert!((0..seen.len()).all(|cell| packed.sees(cell) == seen[cell] && head.sees(cell)));
+    assert!(!packed.sees(8 * seen.len()), "no cell beyond the grid is seen");
 }

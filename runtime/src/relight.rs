@@ -4,10 +4,12 @@
 //! coefficient (eq. 9) and each channel is transformed back once (eq. 8). Rows are read as they lie in the asset; those
 //! that no point touches are never looked at.
 
+use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::load::Asset;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
+use squall_formats::eyes::{EyeBox, EyeFrame};
 use squall_formats::haar::Haar;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{
@@ -41,6 +43,8 @@ pub struct Relighter<'a> {
     response: ResponseSection<'a>,
     cloud: Cloud,
     haar: Haar,
+    /// The eyes' frame, where rows are for those alone.
+    frame: Option<EyeFrame>,
     /// Rows whose checksum has been seen to be right.
     verified: Vec<AtomicBool>,
 }
@@ -59,6 +63,8 @@ pub struct RelightBuffers {
 pub struct Relit<'a> {
     /// What the planes mean.
     pub basis: ChannelBasis,
+    /// The eyes' frame, where the light is for those alone.
+    pub frame: Option<EyeFrame>,
     /// Cells per plane.
     pub cells: usize,
     /// `basis.count()` planes of `cells` values, x fastest.
@@ -98,7 +104,8 @@ impl<'a> Relighter<'a> {
         };
         let haar = Haar::new(head.shape);
         let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
-        Ok(Self { asset, response, cloud: cloud.checked()?, haar, verified })
+        let frame = response.head.eyes.as_ref().map(|eyes| eye_frame(eyes, &cloud));
+        Ok(Self { asset, response, cloud: cloud.checked()?, haar, frame, verified })
     }
 
     /// The cloud grid.
@@ -119,6 +126,27 @@ impl<'a> Relighter<'a> {
     /// Extinction after delta scaling over extinction before: what [`crate::flash::add_direct`] needs to know.
     pub fn extinction_scale(&self) -> f64 {
         self.response.head.solver.extinction_scale
+    }
+
+    /// Where eyes may stand; anywhere where `None`.
+    pub fn eyes(&self) -> Option<&EyeBox> {
+        self.response.head.eyes.as_ref()
+    }
+
+    /// Whether the light holds for what `camera` sees.
+    ///
+    /// Errors: its eye is outside the box that the asset was baked for; an orthographic camera has no eye and is outside of any.
+    pub fn check_camera(&self, camera: &Camera) -> Result<(), RuntimeError> {
+        let Some(eyes) = self.eyes() else { return Ok(()) };
+        let perspective = matches!(camera.projection, Projection::Perspective { .. });
+        if perspective && eyes.contains(camera.position.to_array()) {
+            return Ok(());
+        }
+        let [low, high] = [eyes.low_m, eyes.high_m].map(DVec3::from_array);
+        let wanted =
+            format!("an eye between {low} and {high} m: the asset's cloud was baked for those alone");
+        let found = if perspective { camera.position.to_string() } else { "an orthographic camera".into() };
+        Err(RuntimeError::argument("camera position", wanted, found))
     }
 
     /// Whether a lamp at `position` can be split over baked sources.
@@ -210,7 +238,7 @@ impl<'a> Relighter<'a> {
                 plane.iter_mut().for_each(|value| *value += ambient);
             }
         }
-        Ok(Relit { basis, cells, planes: &buffers.channels })
+        Ok(Relit { basis, frame: self.frame, cells, planes: &buffers.channels })
     }
 
     /// The virtual lamps that the stroke last weighed was split over, each where it was baked.
@@ -330,11 +358,29 @@ fn between(axis: &[f64], value: f64) -> Option<(usize, usize, f64)> {
     Some((low, high, (value - axis[low]) / (axis[high] - axis[low])))
 }
 
-/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane.
-pub fn channel_factors(basis: ChannelBasis, towards: DVec3, factors: &mut Vec<f32>) {
+/// The frame of `eyes` for a cloud's grid.
+pub fn eye_frame(eyes: &EyeBox, cloud: &Cloud) -> EyeFrame {
+    EyeFrame::new(eyes, (0.5 * (cloud.origin_m + cloud.far_corner())).to_array())
+}
+
+/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane. Of [`ChannelBasis::Eyes`] they differ from cell to
+/// cell, and with `eyes` absent, the frame and the cell's middle in m, they are 0.
+pub fn channel_factors(
+    basis: ChannelBasis,
+    eyes: Option<(&EyeFrame, DVec3)>,
+    towards: DVec3,
+    factors: &mut Vec<f32>,
+) {
     factors.clear();
     factors.resize(basis.count(), 0.0);
     match basis {
+        ChannelBasis::Eyes { .. } => {
+            let Some((frame, cell)) = eyes else { return };
+            let values = frame.functions(cell.to_array(), towards.to_array());
+            for (factor, value) in factors.iter_mut().zip(values) {
+                *factor = value as f32;
+            }
+        }
         ChannelBasis::Directions26 => {
             for (direction, weight) in sphere::interpolate_26(towards.to_array()) {
                 factors[direction] += weight as f32;
@@ -355,9 +401,15 @@ impl Relit<'_> {
         factors.iter().enumerate().map(|(channel, f)| f * self.planes[channel * self.cells + cell]).sum()
     }
 
-    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere.
-    pub fn fluence(&self, cell: usize) -> f32 {
-        match self.basis {
+    /// Factors of each channel at a cell whose middle is `cell_m`, m, in direction `towards`: [`channel_factors`].
+    pub fn factors(&self, cell_m: DVec3, towards: DVec3, factors: &mut Vec<f32>) {
+        channel_factors(self.basis, self.frame.as_ref().map(|frame| (frame, cell_m)), towards, factors);
+    }
+
+    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere; `None` where only light towards eyes is known.
+    pub fn fluence(&self, cell: usize) -> Option<f32> {
+        Some(match self.basis {
+            ChannelBasis::Eyes { .. } => return None,
             ChannelBasis::Directions26 => {
                 let weights = sphere::weights_26();
                 let mean: f64 =
@@ -365,6 +417,6 @@ impl Relit<'_> {
                 (mean * 4.0 * std::f64::consts::PI) as f32
             }
             ChannelBasis::Harmonics { .. } => self.planes[cell] * libm::sqrtf(4.0 * std::f32::consts::PI),
-        }
+        })
     }
 }

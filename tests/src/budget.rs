@@ -111,7 +111,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
                     break;
                 }
                 let relighter = Relighter::new(&asset).unwrap();
-                let verdict = squall_bake::response::judge::judge(&relighter, &tests).unwrap();
+                let verdict = squall_bake::response::judge::judge(&relighter, &tests, 0).unwrap();
                 if verdict.stroke.l2 <= asked {
                     println!("{bytes} bytes: {spacing_m:.1} m, degree {degree}, error {error:.4}");
                     cheapest = bytes;

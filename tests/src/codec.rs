@@ -83,6 +83,7 @@ fn settings(case: Case) -> ResponseSettings {
         codec: case.codec,
         relative_error: case.error,
         seen_only: false,
+        eyes: None,
         refine: 1,
         samples: 1,
         solve: SolveSettings { quadrature, tolerance: 1e-2, ..SolveSettings::default() },

@@ -46,6 +46,8 @@ mod budget;
 #[cfg(test)]
 mod codec;
 #[cfg(test)]
+mod eyes;
+#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod golden;

@@ -9,10 +9,12 @@ use super::solver::choose_solver;
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
 use crate::recipe::{Clouds, Recipe};
+use crate::response::eyes::stand_apart;
 use crate::response::judge::Verdict;
 use crate::response::{ResponseSettings, TestStroke};
 use crate::storm::clouds::{place_lamps, reach_of, strokes_for};
 use crate::trial::{Outcome, Trial};
+use squall_formats::eyes::MAX_EYE_DEGREE;
 use squall_formats::section::provenance::BudgetRecord;
 use squall_formats::section::response::{ChannelBasis, DirectTerm};
 use squall_runtime::relight::LampPoint;
@@ -29,6 +31,8 @@ pub struct CloudBudget {
     pub solver_l2: Option<f64>,
     /// Bytes of the response at most.
     pub bytes: Option<u64>,
+    /// Milliseconds that relighting a stroke may count for, on one core: [`super::cost`].
+    pub relight_ms: Option<f64>,
 }
 
 /// Settings that the recipe states itself; a budget leaves them alone.
@@ -55,14 +59,19 @@ impl CloudBudget {
         ratio(self.stroke_l2, verdict.stroke.l2).max(ratio(self.relit_l2, verdict.codec.l2))
     }
 
-    /// Ratio of a response's bytes to what was asked; 0 where nothing was.
-    pub fn over_bytes(&self, bytes: u64) -> f64 {
-        self.bytes.map_or(0.0, |most| bytes as f64 / most as f64)
+    /// The larger ratio of a response's bytes and of what a stroke counts for to what was asked; 0 where nothing was.
+    pub fn over_cost(&self, bytes: u64, relight_ms: f64) -> f64 {
+        let bytes = self.bytes.map_or(0.0, |most| bytes as f64 / most as f64);
+        bytes.max(self.relight_ms.map_or(0.0, |most| relight_ms / most))
     }
 
     /// Whether something has to be chosen beside the solver.
     pub fn chooses(&self) -> bool {
-        self.errors() || self.bytes.is_some()
+        self.errors() || self.costs()
+    }
+
+    fn costs(&self) -> bool {
+        self.bytes.is_some() || self.relight_ms.is_some()
     }
 
     /// Whether anything is asked that strokes have to judge.
@@ -114,15 +123,19 @@ pub struct Tried {
 
 impl Tried {
     fn words(&self) -> String {
-        let Outcome { verdict, bytes, .. } = self.outcome;
+        let Outcome { verdict, bytes, relight_ms } = self.outcome;
         let setting = setting(self.spacing_m, self.channels, self.error);
         let (stroke, codec) = (100.0 * verdict.stroke.l2, 100.0 * verdict.codec.l2);
-        format!("{setting}: stroke L2 {stroke:.2} %, relit L2 {codec:.2} %, {:.3} MB", bytes as f64 / 1e6)
+        let megabytes = bytes as f64 / 1e6;
+        format!(
+            "{setting}: stroke L2 {stroke:.2} %, relit L2 {codec:.2} %, {megabytes:.3} MB, counts for {relight_ms:.2} ms"
+        )
     }
 }
 
 fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
-    format!("lamps {spacing_m:.4} m apart, {} channels, coded to {error:.3e}", channels.count())
+    let towards = if let ChannelBasis::Eyes { .. } = channels { " towards eyes" } else { "" };
+    format!("lamps {spacing_m:.4} m apart, {} channels{towards}, coded to {error:.3e}", channels.count())
 }
 
 /// Strokes that candidates are tried on: as many as memory has room for, between these.
@@ -143,8 +156,8 @@ const MOST_BYTES: usize = 3 << 29;
 pub struct Margins {
     /// Of the errors asked for.
     pub errors: f64,
-    /// Of the bytes.
-    pub bytes: f64,
+    /// Of the bytes and milliseconds.
+    pub costs: f64,
 }
 
 /// Chooses what the recipe leaves open.
@@ -199,15 +212,15 @@ pub fn choose(
         return Ok(choice);
     }
     let spacings: Vec<f64> =
-        if clouds.given.spacing || clouds.budget.stroke_l2.is_none() && clouds.budget.bytes.is_none() {
+        if clouds.given.spacing || clouds.budget.stroke_l2.is_none() && !clouds.budget.costs() {
             vec![choice.spacing_m]
         } else {
             (0..SPACINGS).map(|i| side / COARSEST * libm::exp2(-0.5 * i as f64)).collect()
         };
     let mut search = Search {
         clouds,
-        margins: Margins { errors: margins.errors * SAFETY, bytes: margins.bytes * SAFETY },
-        channels: channels(clouds),
+        margins: Margins { errors: margins.errors * SAFETY, costs: margins.costs * SAFETY },
+        channels: channels(clouds, cloud),
         errors: errors(clouds),
         tried: Vec::new(),
     };
@@ -289,15 +302,18 @@ pub fn choose(
 }
 
 /// Channels that may be chosen, from few to many.
-fn channels(clouds: &Clouds) -> Vec<ChannelBasis> {
+fn channels(clouds: &Clouds, cloud: &Cloud) -> Vec<ChannelBasis> {
     // Direct light inside the rows is too sharp for harmonics: whoever wants it there says in what channels.
     let fixed = clouds.given.channels
         || clouds.response.direct == DirectTerm::InRows
-        || clouds.budget.stroke_l2.is_none() && clouds.budget.bytes.is_none();
+        || clouds.budget.stroke_l2.is_none() && !clouds.budget.costs();
     if fixed {
         return vec![clouds.response.channels];
     }
-    (0..=3).map(|degree| ChannelBasis::Harmonics { degree }).collect()
+    // Towards eyes only where they stand apart; last the widest, which the others are made from.
+    let eyes = clouds.response.eyes.filter(|eyes| stand_apart(cloud, eyes));
+    let eyes = eyes.iter().flat_map(|_| (0..=MAX_EYE_DEGREE).map(|degree| ChannelBasis::Eyes { degree }));
+    eyes.chain((0..=3).map(|degree| ChannelBasis::Harmonics { degree })).collect()
 }
 
 /// Errors of coding that may be chosen, from coarse to fine.
@@ -332,7 +348,7 @@ impl Search<'_> {
                 self.tried.push(tried);
                 let budget = &self.clouds.budget;
                 let good = budget.over(&outcome.verdict) <= self.margins.errors;
-                let fits = budget.over_bytes(outcome.bytes) <= self.margins.bytes;
+                let fits = budget.over_cost(outcome.bytes, outcome.relight_ms) <= self.margins.costs;
                 if good && fits && best.is_none_or(|best| self.prefers(&tried, &best)) {
                     best = Some(tried);
                 }
@@ -362,13 +378,15 @@ impl Search<'_> {
             budget.stroke_l2.map(|v| format!("stroke_l2 {v}")),
             budget.relit_l2.map(|v| format!("relit_l2 {v}")),
             budget.bytes.map(|v| format!("{v} bytes")),
+            budget.relight_ms.map(|v| format!("relight_ms {v}")),
             (self.margins.errors < SAFETY)
                 .then(|| format!("on the tried strokes {:.3} of that", self.margins.errors)),
         ];
         let worst = |tried: &&Tried| budget.over(&tried.outcome.verdict);
-        let fits = |tried: &&Tried| budget.bytes.is_none_or(|most| tried.outcome.bytes <= most);
+        let cost = |tried: &Tried| budget.over_cost(tried.outcome.bytes, tried.outcome.relight_ms);
+        let fits = |tried: &&Tried| cost(tried) <= 1.0;
         let best = self.tried.iter().filter(fits).min_by(|a, b| worst(a).total_cmp(&worst(b)));
-        let smallest = self.tried.iter().min_by_key(|tried| tried.outcome.bytes);
+        let smallest = self.tried.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
         let given = &self.clouds.given;
         let mut hints = Vec::new();
         for (is_given, key) in [
@@ -385,6 +403,9 @@ impl Search<'_> {
         }
         if budget.bytes.is_some() {
             hints.push("allow more bytes".into());
+        }
+        if budget.relight_ms.is_some() {
+            hints.push("allow more milliseconds".into());
         }
         hints.push("ask for less".into());
         BakeError::NotReached {

@@ -53,8 +53,18 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let steps: &[f64] = if task.quick { &[1.0] } else { &[2.0, 1.41, 1.0, 0.71, 0.5, 0.35, 0.25] };
     let usual = scene.settings.codec;
     let mut kinds = vec![
-        ("baked, 16 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 3 }, usual),
-        ("baked, 4 channels", DirectTerm::AtRunTime, ChannelBasis::Harmonics { degree: 1 }, usual),
+        (
+            "baked for any eye, 16 channels",
+            DirectTerm::AtRunTime,
+            ChannelBasis::Harmonics { degree: 3 },
+            usual,
+        ),
+        (
+            "baked for any eye, 4 channels",
+            DirectTerm::AtRunTime,
+            ChannelBasis::Harmonics { degree: 1 },
+            usual,
+        ),
         (
             "paper: direct light baked, 26 directions",
             DirectTerm::InRows,
@@ -79,7 +89,11 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             let grid = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
             let wanted = touched(&grid, std::slice::from_ref(&lamps));
             let all = grid.wanted_count();
-            let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+            let mut settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+            if (direct, channels, codec) != mine {
+                // Those are baked for eyes anywhere: what a box of eyes saves is the recipe's own.
+                settings.eyes = None;
+            }
             let grid = LampGrid { wanted, ..grid };
             let tried = grid.wanted_count();
             let mut point = flash(&scene, grid, &settings, &lamps, &camera, &truth)?;
@@ -204,7 +218,10 @@ fn camera(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Result<Camera, BakeError>
     }
     let (low, high) = (scene.cloud.origin_m, scene.cloud.far_corner());
     let (middle, extent) = (0.5 * (low + high), (high - low).length());
-    let eye = middle - DVec3::Y * 1.2 * extent - DVec3::Z * 0.2 * extent;
+    let eye = match scene.settings.eyes {
+        Some(eyes) => DVec3::from_array(eyes.centre()),
+        None => middle - DVec3::Y * 1.2 * extent - DVec3::Z * 0.2 * extent,
+    };
     let projection = Projection::Perspective { vertical_fov: Radians::from(Degrees(40.0)) };
     Ok(Camera::new(eye, middle - eye, DVec3::Z, projection, size)?)
 }

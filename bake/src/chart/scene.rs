@@ -50,7 +50,7 @@ pub fn chart_scene(recipe: &Recipe, most: usize) -> Result<Option<ChartScene<'_>
     } else {
         format!("the recipe's cloud on {nx} × {ny} × {nz} cells")
     };
-    let all = Margins { errors: 1.0, bytes: 1.0 };
+    let all = Margins { errors: 1.0, costs: 1.0 };
     let choice = choose(recipe, clouds, &cloud, all, &Quiet)?;
     Ok(Some(ChartScene { clouds, cloud, words, spacing_m: choice.spacing_m, settings: choice.settings }))
 }

@@ -1,5 +1,6 @@
 //! `squall inspect ASSET [--json]`
 use super::table::{self, Column};
+use glam::DVec3;
 use serde_json::{Value, json};
 use squall_formats::container::{Entry, FORMAT_VERSION};
 use squall_formats::section::bolt::BoltSection;
@@ -210,8 +211,18 @@ fn describe_response(head: &ResponseHead) -> String {
     let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
     let channels = match head.channels {
         ChannelBasis::Directions26 => "26 directions".to_owned(),
-        ChannelBasis::Harmonics { degree } => format!("{} harmonics", (degree + 1) * (degree + 1)),
+        ChannelBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
+        ChannelBasis::Eyes { .. } => format!("{} channels towards eyes", head.channels.count()),
     };
+    let cells = head.shape.len();
+    let seen = match (0..cells).filter(|&cell| head.sees(cell)).count() {
+        all if all == cells => String::new(),
+        seen => format!(", light in {seen} of {cells} cells"),
+    };
+    let eyes = head.eyes.as_ref().map_or_else(String::new, |eyes| {
+        let [low, high] = [eyes.low_m, eyes.high_m].map(DVec3::from_array);
+        format!(", for eyes between {low} and {high} m")
+    });
     let codec = match head.codec {
         Codec::Paper => "index and value",
         Codec::Bytes => "two bytes a coefficient",
@@ -221,7 +232,7 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::AtRunTime => "direct light at run time",
     };
     format!(
-        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}",
+        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}{seen}{eyes}",
         x_m.len(),
         y_m.len(),
         z_m.len(),

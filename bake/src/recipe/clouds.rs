@@ -7,6 +7,7 @@ use crate::budget::clouds::{CloudBudget, Given};
 use crate::input::scene::Optics;
 use crate::response::ResponseSettings;
 use serde::Deserialize;
+use squall_formats::eyes::EyeBox;
 use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm, DistantKind, SweepScheme};
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
@@ -28,6 +29,14 @@ pub(super) struct CloudsFile {
     response: ResponseFile,
     #[serde(default)]
     budget: BudgetFile,
+    eyes: Option<Spanned<EyesFile>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EyesFile {
+    low_m: Spanned<[f64; 3]>,
+    high_m: Spanned<[f64; 3]>,
 }
 
 #[derive(Default, Deserialize)]
@@ -37,6 +46,7 @@ struct BudgetFile {
     relit_l2: Option<Number>,
     solver_l2: Option<Number>,
     bytes: Option<Number>,
+    relight_ms: Option<Number>,
 }
 
 #[derive(Default, Deserialize)]
@@ -73,7 +83,7 @@ enum SchemeName {
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct ResponseFile {
-    channels: Option<ChannelsName>,
+    channels: Option<Spanned<ChannelsName>>,
     direct: Option<DirectName>,
     codec: Option<CodecName>,
     error: Option<Number>,
@@ -95,6 +105,12 @@ enum ChannelsName {
     Harmonics2,
     #[serde(rename = "harmonics-3")]
     Harmonics3,
+    #[serde(rename = "eyes-0")]
+    Eyes0,
+    #[serde(rename = "eyes-1")]
+    Eyes1,
+    #[serde(rename = "eyes-2")]
+    Eyes2,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -133,7 +149,8 @@ pub fn parse_directions(name: &str) -> Option<Quadrature> {
 }
 
 impl CloudsFile {
-    pub(super) fn check(self, source: &Source) -> Result<Clouds, RecipeError> {
+    /// `has_strokes`: whether the recipe has strokes that lamps can be pruned to.
+    pub(super) fn check(self, has_strokes: bool, source: &Source) -> Result<Clouds, RecipeError> {
         let optional = |field: &str, value: &Option<Number>, range: [f64; 2], unit: &str| {
             value.as_ref().map(|_| source.number(field, value, 0.0, range, unit)).transpose()
         };
@@ -165,20 +182,42 @@ impl CloudsFile {
             })?;
             distant.push(DistantKind::Beam { direction: direction.to_array() });
         }
+        let budget = CloudBudget {
+            stroke_l2: optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
+            relit_l2: optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
+            solver_l2: optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
+            bytes: optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?.map(|v| v as u64),
+            relight_ms: optional("clouds.budget.relight_ms", &self.budget.relight_ms, [1e-3, 1e5], "ms")?,
+        };
+        let mut lamps = self.lightning.check(source)?;
+        let mut settings = self.settings(source)?;
+        settings.eyes = self.eyes(source)?;
+        if let (ChannelBasis::Eyes { .. }, Some(name)) = (settings.channels, &response.channels) {
+            let wanted = match (settings.eyes, settings.direct) {
+                (None, _) => Some(("[clouds.eyes] beside channels towards eyes", "none")),
+                (_, DirectTerm::InRows) => {
+                    Some(("direct = \"run-time\" beside channels towards eyes", "\"rows\""))
+                }
+                _ => None,
+            };
+            if let Some((wanted, found)) = wanted {
+                return Err(source.error(name.span(), "clouds.response.channels", wanted, found));
+            }
+        }
+        // Whoever says what is good enough, or who looks, has no use for what nobody can reach.
+        if budget.judges() || settings.eyes.is_some() {
+            settings.seen_only = response.seen_only.unwrap_or(true);
+            let boxed = lamps.low_m.is_some() || lamps.high_m.is_some();
+            lamps.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
+        }
         Ok(Clouds {
             scene: source.beside("clouds.scene", &self.scene)?,
             optics,
-            lamps: self.lightning.check(source)?,
+            lamps,
             distant,
-            response: self.settings(source)?,
+            response: settings,
             test_strokes: source.count("clouds.response.test_strokes", &response.test_strokes, 8, [0, 64])?,
-            budget: CloudBudget {
-                stroke_l2: optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
-                relit_l2: optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
-                solver_l2: optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
-                bytes: optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?
-                    .map(|v| v as u64),
-            },
+            budget,
             given: Given {
                 spacing: self.lightning.spacing_m.is_some(),
                 channels: response.channels.is_some(),
@@ -186,6 +225,24 @@ impl CloudsFile {
                 solver: self.transport.directions.is_some() || self.transport.refine.is_some(),
             },
         })
+    }
+
+    fn eyes(&self, source: &Source) -> Result<Option<EyeBox>, RecipeError> {
+        let Some(eyes) = &self.eyes else { return Ok(None) };
+        let EyesFile { low_m, high_m } = eyes.get_ref();
+        for (field, corner) in [("clouds.eyes.low_m", low_m), ("clouds.eyes.high_m", high_m)] {
+            // Written so that NaN is refused too.
+            if !corner.get_ref().iter().all(|v| v.abs() <= 1e6) {
+                let found = format!("{:?}", corner.get_ref());
+                return Err(source.error(corner.span(), field, "three numbers, -1e6 to 1e6 m", found));
+            }
+        }
+        let (low, high) = (*low_m.get_ref(), *high_m.get_ref());
+        if (0..3).any(|axis| low[axis] > high[axis]) {
+            let found = format!("{high:?} beside low_m {low:?}");
+            return Err(source.error(high_m.span(), "clouds.eyes.high_m", "no less than low_m", found));
+        }
+        Ok(Some(EyeBox { low_m: low, high_m: high }))
     }
 
     fn settings(&self, source: &Source) -> Result<ResponseSettings, RecipeError> {
@@ -218,12 +275,19 @@ impl CloudsFile {
             ..SolveSettings::default()
         };
         Ok(ResponseSettings {
-            channels: match response.channels.unwrap_or(ChannelsName::Harmonics1) {
+            channels: match response
+                .channels
+                .as_ref()
+                .map_or(ChannelsName::Harmonics1, |name| *name.get_ref())
+            {
                 ChannelsName::Directions26 => ChannelBasis::Directions26,
                 ChannelsName::Harmonics0 => ChannelBasis::Harmonics { degree: 0 },
                 ChannelsName::Harmonics1 => ChannelBasis::Harmonics { degree: 1 },
                 ChannelsName::Harmonics2 => ChannelBasis::Harmonics { degree: 2 },
                 ChannelsName::Harmonics3 => ChannelBasis::Harmonics { degree: 3 },
+                ChannelsName::Eyes0 => ChannelBasis::Eyes { degree: 0 },
+                ChannelsName::Eyes1 => ChannelBasis::Eyes { degree: 1 },
+                ChannelsName::Eyes2 => ChannelBasis::Eyes { degree: 2 },
             },
             direct: match response.direct.unwrap_or(DirectName::RunTime) {
                 DirectName::Rows => DirectTerm::InRows,
@@ -240,7 +304,9 @@ impl CloudsFile {
                 [0.0, 0.9],
                 "of a lamp's light",
             )?,
+            // Set where budget and eyes are known.
             seen_only: response.seen_only.unwrap_or(false),
+            eyes: None,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
             solve,

@@ -94,7 +94,8 @@ struct StrokeFile {
 pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     let source = Source { file: path, text: &text };
     let file: RecipeFile = toml::from_str(&text).map_err(|error| source.refused_text(&error))?;
-    let clouds = file.clouds.map(|clouds| clouds.check(&source)).transpose()?;
+    let has_strokes = !file.strokes.is_empty();
+    let clouds = file.clouds.map(|clouds| clouds.check(has_strokes, &source)).transpose()?;
     let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
     let mut strokes: Vec<StrokeRecord> = Vec::new();
     for (number, stroke) in file.strokes.into_iter().enumerate() {
@@ -120,6 +121,15 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     }
     let names: Vec<String> = strokes.iter().map(|record| record.name.clone()).collect();
     let view = file.view.map(|view| check_view(view, &source, &names)).transpose()?;
+    if let (Some(view), Some(clouds)) = (&view, &clouds)
+        && let Some(eyes) = &clouds.response.eyes
+        && !eyes.contains(view.camera.position_m)
+    {
+        let span = source.locate(&["view", "position_m"]).unwrap_or(0..0);
+        let wanted = format!("within [clouds.eyes], {:?} to {:?}", eyes.low_m, eyes.high_m);
+        let found = format!("{:?}", view.camera.position_m);
+        return Err(source.error(span, "view.position_m", wanted, found).into());
+    }
     if let (Some(view), None) = (&view, &rain)
         && view.rain.rate_mm_per_h > 0.0
     {

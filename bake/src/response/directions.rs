@@ -4,7 +4,7 @@ use squall_formats::section::response::ChannelBasis;
 use squall_formats::sphere::{self, MAX_HARMONICS};
 
 /// Adds `factor` times direct light, given in the 26 directions, to channels; harmonics take its projection, which the set's
-/// degree of 7 makes exact as far as the harmonics reach.
+/// degree of 7 makes exact as far as the harmonics reach. Channels towards eyes never hold any.
 pub fn add_direct(basis: ChannelBasis, towards: &[f32], factor: f32, planes: &mut [f32]) {
     let cells = towards.len() / 26;
     let (directions, weights) = (sphere::directions_26(), sphere::weights_26());
@@ -15,6 +15,7 @@ pub fn add_direct(basis: ChannelBasis, towards: &[f32], factor: f32, planes: &mu
                     planes[channel * cells + cell] += factor * value;
                 }
             }
+            ChannelBasis::Eyes { .. } => {}
             ChannelBasis::Harmonics { .. } => {
                 for (d, value) in values.iter().enumerate() {
                     let harmonics = sphere::harmonics(directions[d]);

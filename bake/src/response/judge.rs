@@ -1,14 +1,17 @@
 //! How good a response is: strokes that it was not baked for, relit from the bytes that ship.
 
-use super::{TestStroke, in_26_directions};
+use super::{TestStroke, add_direct, in_26_directions};
 use crate::error::BakeError;
 use glam::DVec3;
 use rayon::prelude::*;
+use squall_formats::eyes::{EyeBox, EyeFrame};
 use squall_formats::section::bolt::StrokeRecord;
-use squall_formats::section::response::ChannelBasis;
+use squall_formats::section::response::{ChannelBasis, DirectTerm};
 use squall_formats::sphere::{self, MAX_HARMONICS};
 use squall_runtime::random::Random;
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit};
+use squall_runtime::relight::{
+    LampPoint, RelightBuffers, RelightOptions, Relighter, Relit, channel_factors, eye_frame,
+};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::Cloud;
 use std::ops::Range;
@@ -33,56 +36,201 @@ pub struct Verdict {
     pub stroke: RelitError,
 }
 
-/// Relights every test stroke from `relighter`'s bytes. Each figure is the root mean square (L2) or the mean (tail, median)
-/// over strokes.
-pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Verdict, BakeError> {
-    let each: Vec<Result<Verdict, BakeError>> =
-        tests.par_iter().map(|test| judge_one(relighter, test)).collect();
-    let (mut sum, mut count) = (Verdict::default(), 0.0f64);
-    for verdict in each {
-        let verdict = verdict?;
-        for (to, from) in [(&mut sum.codec, verdict.codec), (&mut sum.stroke, verdict.stroke)] {
-            to.l2 += from.l2 * from.l2;
-            to.tail += from.tail;
-            to.median += from.median;
+/// Where light is judged: the cells that can be seen, in the 26 directions or towards eyes.
+pub struct Views {
+    /// Cells that are judged.
+    cells: Vec<u32>,
+    /// Middles of those and directions from them to the eyes, eyes innermost; empty for the 26 directions.
+    eyes: Vec<(DVec3, DVec3)>,
+    /// What each view of a cell counts for, summing to 1.
+    weights: Vec<f64>,
+}
+
+/// Eyes that judge light at once.
+const EYES: usize = 8;
+
+/// Factors of channels in every view: those of a cell's views behind one another, or of one cell's that stand for all.
+pub struct ViewFactors {
+    channels: usize,
+    factors: Vec<f32>,
+}
+
+impl Views {
+    /// Views of the cells that are `seen`: the 26 directions where `eyes` may stand anywhere, else towards eyes drawn at random from
+    /// their box. Another `number` draws others.
+    pub fn new(cloud: &Cloud, eyes: Option<&EyeBox>, number: u64, seen: impl Fn(usize) -> bool) -> Self {
+        let cells: Vec<u32> =
+            (0..cloud.shape.len()).filter(|&cell| seen(cell)).map(|cell| cell as u32).collect();
+        let Some(eyes) = eyes else {
+            return Self { cells, eyes: Vec::new(), weights: sphere::weights_26().to_vec() };
+        };
+        let mut random = Random::from_parts(&[0xe7e5, number]);
+        let places: [DVec3; EYES] = std::array::from_fn(|_| {
+            let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
+            DVec3::from_array(eyes.point(at))
+        });
+        let towards = |&cell: &u32| {
+            let middle = cloud.centre(cloud.shape.cell(cell as usize));
+            places.map(|eye| (middle, (eye - middle).try_normalize().unwrap_or(DVec3::Z)))
+        };
+        Self { eyes: cells.iter().flat_map(towards).collect(), cells, weights: vec![1.0 / EYES as f64; EYES] }
+    }
+
+    /// Of what `relighter` knows light for.
+    pub fn of(relighter: &Relighter<'_>, number: u64) -> Self {
+        let head = &relighter.response().head;
+        Self::new(relighter.cloud(), head.eyes.as_ref(), number, |cell| head.sees(cell))
+    }
+
+    /// Errors of `found` against `wanted`, values of these views both.
+    pub fn compare(&self, found: &[f32], wanted: &[f32]) -> RelitError {
+        compare_views(found, wanted, &self.weights)
+    }
+
+    /// Factors of `basis`' channels; its frame where it is towards eyes.
+    pub fn factors(&self, basis: ChannelBasis, frame: Option<&EyeFrame>) -> ViewFactors {
+        let mut factors = Vec::new();
+        let mut one = Vec::new();
+        if self.eyes.is_empty() {
+            for direction in sphere::directions_26() {
+                channel_factors(basis, None, DVec3::from_array(direction), &mut one);
+                factors.extend_from_slice(&one);
+            }
         }
-        count += 1.0;
+        for &(middle, towards) in &self.eyes {
+            channel_factors(basis, frame.map(|frame| (frame, middle)), towards, &mut one);
+            factors.extend_from_slice(&one);
+        }
+        ViewFactors { channels: basis.count(), factors }
     }
-    for part in [&mut sum.codec, &mut sum.stroke] {
-        part.l2 = libm::sqrt(part.l2 / count.max(1.0));
-        part.tail /= count.max(1.0);
-        part.median /= count.max(1.0);
+
+    /// Relit light, a value a cell and view, views innermost.
+    pub fn light(&self, relit: &Relit<'_>, factors: &ViewFactors) -> Vec<f32> {
+        let (views, channels) = (self.weights.len(), factors.channels);
+        let mut out = Vec::with_capacity(self.cells.len() * views);
+        for (place, &cell) in self.cells.iter().enumerate() {
+            let first = if self.eyes.is_empty() { 0 } else { place * views };
+            let rows = factors.factors[first * channels..].chunks_exact(channels).take(views);
+            out.extend(rows.map(|row| relit.value(cell as usize, row)));
+        }
+        out
     }
-    Ok(sum)
+
+    /// Light in the 26 directions, read between them.
+    fn between(&self, values: &[f32]) -> Vec<f32> {
+        if self.eyes.is_empty() {
+            let cells = self.cells.iter();
+            return cells
+                .flat_map(|&cell| &values[26 * cell as usize..26 * (cell as usize + 1)])
+                .copied()
+                .collect();
+        }
+        let mut out = Vec::with_capacity(self.eyes.len());
+        for (place, (_, towards)) in self.eyes.iter().enumerate() {
+            let cell = 26 * self.cells[place / EYES] as usize;
+            let near = sphere::interpolate_26(towards.to_array());
+            out.push(near.iter().map(|&(direction, weight)| weight as f32 * values[cell + direction]).sum());
+        }
+        out
+    }
+
+    /// Light in the 26 directions that has no more than degree 3 in it.
+    fn smooth(&self, values: &[f32]) -> Vec<f32> {
+        if self.eyes.is_empty() {
+            return self.between(values);
+        }
+        let (basis, cells) = (ChannelBasis::Harmonics { degree: 3 }, values.len() / 26);
+        let mut planes = vec![0.0; MAX_HARMONICS * cells];
+        add_direct(basis, values, 1.0, &mut planes);
+        self.light(&Relit { basis, frame: None, cells, planes: &planes }, &self.factors(basis, None))
+    }
+
+    /// A test stroke's light, solved directly, and the part of it that the runtime adds itself.
+    fn truth(&self, test: &TestStroke, direct_term: DirectTerm) -> (Vec<f32>, Vec<f32>) {
+        let direct = self.between(&test.direct);
+        if direct_term == DirectTerm::InRows {
+            return (self.between(&test.truth), direct);
+        }
+        // Light that was scattered on its way has no more than the solver's degree in it, direct light has.
+        let rest: Vec<f32> = test.truth.iter().zip(&test.direct).map(|(all, direct)| all - direct).collect();
+        let mut truth = self.smooth(&rest);
+        truth.iter_mut().zip(&direct).for_each(|(sum, direct)| *sum += direct);
+        (truth, direct)
+    }
 }
 
-fn judge_one(relighter: &Relighter<'_>, test: &TestStroke) -> Result<Verdict, BakeError> {
-    let mut buffers = RelightBuffers::default();
-    let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers)?;
-    let mut shown = seen(test, spread(&relit));
-    let unpacked = seen(test, spread(&Relit { planes: &test.uncompressed, ..relit }));
-    let codec = compare(&shown, &unpacked);
-    for (value, direct) in shown.iter_mut().zip(&seen(test, test.direct.clone())) {
-        *value += direct;
-    }
-    Ok(Verdict { codec, stroke: compare(&shown, &seen(test, test.truth.clone())) })
+/// Test strokes with their light as it is judged, for responses of one cloud that leave the same cells out.
+pub struct Judge {
+    views: Views,
+    strokes: Vec<(Vec<f32>, Vec<f32>)>,
 }
 
-/// 26 values a cell, with nothing in cells that are not judged.
-fn seen(test: &TestStroke, mut values: Vec<f32>) -> Vec<f32> {
-    for (cell, _) in test.seen.iter().enumerate().filter(|(_, seen)| !**seen) {
-        values[26 * cell..26 * (cell + 1)].fill(0.0);
+impl Judge {
+    /// Prepares the light of `tests`, which [`Judge::verdict`] is to be given again. Eyes are those of `number`.
+    pub fn new(
+        cloud: &Cloud,
+        eyes: Option<&EyeBox>,
+        direct: DirectTerm,
+        tests: &[TestStroke],
+        number: u64,
+    ) -> Self {
+        let seen = tests.first().map(|test| test.seen.clone()).unwrap_or_default();
+        let views = Views::new(cloud, eyes, number, |cell| seen.is_empty() || seen[cell]);
+        let strokes = tests.par_iter().map(|test| views.truth(test, direct)).collect();
+        Self { views, strokes }
     }
-    values
+
+    /// Relights every test stroke from `relighter`'s bytes. Each figure is the root mean square (L2) or the mean (tail, median)
+    /// over strokes.
+    pub fn verdict(&self, relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Verdict, BakeError> {
+        let frame = relighter.eyes().map(|eyes| eye_frame(eyes, relighter.cloud()));
+        let factors = self.views.factors(relighter.response().head.channels, frame.as_ref());
+        let each: Vec<Result<Verdict, BakeError>> = tests
+            .par_iter()
+            .zip(&self.strokes)
+            .map(|(test, (truth, direct))| {
+                let mut buffers = RelightBuffers::default();
+                let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers)?;
+                let mut shown = self.views.light(&relit, &factors);
+                let unpacked = Relit { planes: &test.uncompressed, ..relit };
+                let codec = self.views.compare(&shown, &self.views.light(&unpacked, &factors));
+                shown.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct);
+                Ok(Verdict { codec, stroke: self.views.compare(&shown, truth) })
+            })
+            .collect();
+        let (mut sum, mut count) = (Verdict::default(), 0.0f64);
+        for verdict in each {
+            let verdict = verdict?;
+            for (to, from) in [(&mut sum.codec, verdict.codec), (&mut sum.stroke, verdict.stroke)] {
+                to.l2 += from.l2 * from.l2;
+                to.tail += from.tail;
+                to.median += from.median;
+            }
+            count += 1.0;
+        }
+        for part in [&mut sum.codec, &mut sum.stroke] {
+            part.l2 = libm::sqrt(part.l2 / count.max(1.0));
+            part.tail /= count.max(1.0);
+            part.median /= count.max(1.0);
+        }
+        Ok(sum)
+    }
 }
 
-/// Channels to values in the 26 directions, 26 a cell.
+/// [`Judge`] for one response alone.
+pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Result<Verdict, BakeError> {
+    let judge = Judge::new(relighter.cloud(), relighter.eyes(), relighter.direct(), tests, number);
+    judge.verdict(relighter, tests)
+}
+
+/// Channels to values in the 26 directions, 26 a cell; zero for channels towards eyes, which hold none of those.
 pub fn spread(relit: &Relit<'_>) -> Vec<f32> {
     let channels = relit.basis.count();
     match relit.basis {
         ChannelBasis::Directions26 => {
             (0..relit.cells * 26).map(|i| relit.planes[i % 26 * relit.cells + i / 26]).collect()
         }
+        ChannelBasis::Eyes { .. } => vec![0.0; relit.cells * 26],
         ChannelBasis::Harmonics { .. } => {
             let mut coefficients = vec![0.0f32; relit.cells * MAX_HARMONICS];
             for cell in 0..relit.cells {
@@ -97,14 +245,18 @@ pub fn spread(relit: &Relit<'_>) -> Vec<f32> {
 
 /// Errors of `found` against `wanted`, both 26 values a cell.
 pub fn compare(found: &[f32], wanted: &[f32]) -> RelitError {
-    let weights = sphere::weights_26();
+    compare_views(found, wanted, &sphere::weights_26())
+}
+
+/// The same for `weights.len()` values a cell, each of which counts for its weight; weights sum to 1.
+fn compare_views(found: &[f32], wanted: &[f32], weights: &[f64]) -> RelitError {
     let peak = wanted.iter().fold(0.0f32, |peak, &v| peak.max(v.abs()));
     let (mut square, mut wanted_square) = (0.0, 0.0);
     let (mut differences, mut relative) = (Vec::with_capacity(wanted.len()), Vec::new());
     for (i, (&x, &r)) in found.iter().zip(wanted).enumerate() {
         let difference = f64::from(x - r);
-        square += weights[i % 26] * difference * difference;
-        wanted_square += weights[i % 26] * f64::from(r) * f64::from(r);
+        square += weights[i % weights.len()] * difference * difference;
+        wanted_square += weights[i % weights.len()] * f64::from(r) * f64::from(r);
         differences.push((x - r).abs());
         if r > 1e-4 * peak {
             relative.push((x - r).abs() / r);

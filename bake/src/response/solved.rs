@@ -1,9 +1,14 @@
 //! Rows before they are coded.
 
+use super::eyes::EyeMap;
+use super::unseen::Unseen;
 use super::{BakedResponse, TestStroke};
 use crate::compress::{CompressedRow, compress_row};
 use rayon::prelude::*;
+use squall_formats::eyes::EyeBox;
+use squall_formats::haar::Haar;
 use squall_formats::section::response::{ChannelBasis, Codec, ResponseHead, ResponseRows};
+use squall_runtime::transport::Cloud;
 
 /// Rows solved and Haar-transformed, not yet coded: what compression is tried on.
 pub struct SolvedRows {
@@ -15,18 +20,69 @@ pub struct SolvedRows {
     pub tests: Vec<TestStroke>,
     /// Sweeps times sixteen lamps.
     pub sweeps: u64,
+    /// What turns them into polynomials towards eyes; where there are eyes, and sixteen harmonics were solved for.
+    pub(super) towards: Option<TowardsEyes>,
+}
+
+/// From sixteen harmonics to polynomials towards eyes, of each degree.
+pub(super) struct TowardsEyes {
+    maps: [EyeMap; 3],
+    unseen: Option<Unseen>,
+    haar: Haar,
+}
+
+impl TowardsEyes {
+    pub(super) fn new(cloud: &Cloud, eyes: &EyeBox, seen_only: bool) -> Self {
+        Self {
+            maps: [0, 1, 2].map(|degree| EyeMap::new(cloud, eyes, degree)),
+            unseen: if seen_only { Unseen::new(cloud, Some(eyes)) } else { None },
+            haar: Haar::new(cloud.shape),
+        }
+    }
+
+    /// Planes of light, cells that nobody reads filled.
+    fn light(&self, harmonics: &[f32], degree: u8) -> Vec<f32> {
+        let mut planes = self.maps[usize::from(degree)].apply(harmonics);
+        if let Some(unseen) = &self.unseen {
+            planes.chunks_exact_mut(self.haar.len()).for_each(|plane| unseen.fill(plane));
+        }
+        planes
+    }
+
+    /// Planes of coefficients, from such planes.
+    fn coefficients(&self, harmonics: &[f32], degree: u8) -> Vec<f32> {
+        let (mut light, mut scratch) = (harmonics.to_vec(), Vec::new());
+        light.chunks_exact_mut(self.haar.len()).for_each(|plane| self.haar.inverse(plane, &mut scratch));
+        let mut planes = self.light(&light, degree);
+        planes.chunks_exact_mut(self.haar.len()).for_each(|plane| self.haar.forward(plane, &mut scratch));
+        planes
+    }
 }
 
 impl SolvedRows {
     /// The response that these rows make in `channels`, coded so that each source is off by at most `relative_error`, and what
     /// it keeps. Test strokes come along in the same channels.
     ///
-    /// Panics when `channels` holds more than was solved for.
+    /// Panics when `channels` holds more than was solved for, or is towards eyes and no sixteen harmonics with eyes were.
     pub fn encode(&self, channels: ChannelBasis, codec: Codec, relative_error: f64) -> BakedResponse {
         let cells = self.head.shape.len();
         let length = channels.count() * cells;
-        let code =
-            |planes: &Vec<f32>| compress_row(&planes[..length], channels.count(), codec, relative_error);
+        // Rows that were solved towards eyes already are coded as they are.
+        let towards = match (channels, &self.towards) {
+            (ChannelBasis::Eyes { degree }, Some(towards)) => Some((towards, degree)),
+            (ChannelBasis::Eyes { .. }, None) => {
+                assert_eq!(channels, self.head.channels, "rows were solved without eyes");
+                None
+            }
+            _ => None,
+        };
+        let code = |planes: &Vec<f32>| match towards {
+            Some((towards, degree)) => {
+                let planes = towards.coefficients(planes, degree);
+                compress_row(&planes, channels.count(), codec, relative_error)
+            }
+            None => compress_row(&planes[..length], channels.count(), codec, relative_error),
+        };
         let coded: Vec<CompressedRow> = self.planes.par_iter().map(code).collect();
         let (mut rows, mut kept) = (ResponseRows::default(), 0);
         for row in coded {
@@ -35,7 +91,12 @@ impl SolvedRows {
             rows.rows.push(row.bytes);
         }
         let cut = |test: &TestStroke| {
-            let uncompressed = test.uncompressed.iter().take(length).copied().collect();
+            let uncompressed = match towards {
+                Some((towards, degree)) if !test.uncompressed.is_empty() => {
+                    towards.light(&test.uncompressed, degree)
+                }
+                _ => test.uncompressed.iter().take(length).copied().collect(),
+            };
             TestStroke { uncompressed, ..test.clone() }
         };
         BakedResponse {

@@ -1,7 +1,10 @@
-//! Cells whose light nobody reads: no density there nor beside, so no ray shades with it. They may hold anything, and hold what the
-//! transform has least to say of: the mean of the seen cells around, block by block of the transform's own pairing.
+//! Cells whose light nobody reads: no density there nor beside, so no ray shades with it; or too deep for every eye that
+//! there is. They may hold anything, and hold what the transform has least to say of: the mean of the seen cells around, block by
+//! block of the transform's own pairing.
 
+use super::eyes::visible;
 use squall_formats::GridShape;
+use squall_formats::eyes::EyeBox;
 use squall_runtime::transport::{Boundary, Cloud};
 
 /// One level of blocks: its size and which of them hold a seen cell.
@@ -18,27 +21,13 @@ pub struct Unseen {
 
 impl Unseen {
     /// Looks at a stored grid. Light is read between the middles of eight cells, and only where there is density: a cell is seen
-    /// where one of the 27 around it has some. `None` where all are.
-    pub fn new(cloud: &Cloud) -> Option<Self> {
+    /// where one of the 27 around it has some, and, with `eyes`, where those can see it. `None` where all are.
+    pub fn new(cloud: &Cloud, eyes: Option<&EyeBox>) -> Option<Self> {
         let size = cloud.shape.to_array();
-        let mut seen = vec![false; cloud.shape.len()];
-        for index in (0..seen.len()).filter(|&index| cloud.extinction[index] > 0.0) {
-            let cell = cloud.shape.cell(index);
-            for step in 0..27usize {
-                let offset = [step % 3, step / 3 % 3, step / 9];
-                let near: [Option<usize>; 3] = std::array::from_fn(|axis| {
-                    let at = cell[axis] + offset[axis];
-                    let around = axis < 2 && cloud.boundary == Boundary::PeriodicXy;
-                    match at {
-                        0 => around.then_some(size[axis] - 1),
-                        at if at - 1 < size[axis] => Some(at - 1),
-                        _ => around.then_some(0),
-                    }
-                });
-                if let [Some(x), Some(y), Some(z)] = near {
-                    seen[cloud.shape.index(x, y, z)] = true;
-                }
-            }
+        let dense: Vec<bool> = cloud.extinction.iter().map(|&extinction| extinction > 0.0).collect();
+        let mut seen = beside(cloud, &dense);
+        if let Some(eyes) = eyes {
+            seen.iter_mut().zip(visible(cloud, eyes)).for_each(|(seen, visible)| *seen &= visible);
         }
         if seen.iter().all(|&seen| seen) {
             return None;
@@ -88,6 +77,31 @@ impl Unseen {
     }
 }
 
+/// The cells of `marked`, and the 26 around each.
+pub fn beside(cloud: &Cloud, marked: &[bool]) -> Vec<bool> {
+    let size = cloud.shape.to_array();
+    let mut out = vec![false; marked.len()];
+    for index in (0..marked.len()).filter(|&index| marked[index]) {
+        let cell = cloud.shape.cell(index);
+        for step in 0..27usize {
+            let offset = [step % 3, step / 3 % 3, step / 9];
+            let near: [Option<usize>; 3] = std::array::from_fn(|axis| {
+                let at = cell[axis] + offset[axis];
+                let around = axis < 2 && cloud.boundary == Boundary::PeriodicXy;
+                match at {
+                    0 => around.then_some(size[axis] - 1),
+                    at if at - 1 < size[axis] => Some(at - 1),
+                    _ => around.then_some(0),
+                }
+            });
+            if let [Some(x), Some(y), Some(z)] = near {
+                out[cloud.shape.index(x, y, z)] = true;
+            }
+        }
+    }
+    out
+}
+
 /// The block of the next level that cell or block `index` belongs to.
 fn parent(index: usize, fine: [usize; 3], coarse: [usize; 3]) -> usize {
     let cell = [index % fine[0], index / fine[0] % fine[1], index / (fine[0] * fine[1])];
@@ -120,7 +134,7 @@ mod tests {
     #[test]
     fn seen_cells_keep_their_values_and_the_rest_adds_no_detail() {
         let cloud = corner();
-        let unseen = Unseen::new(&cloud).unwrap();
+        let unseen = Unseen::new(&cloud, None).unwrap();
         assert_eq!(unseen.seen().iter().filter(|&&seen| seen).count(), 27);
         let values: Vec<f32> = (0..cloud.shape.len()).map(|i| ((i * 37) % 101) as f32).collect();
         let mut filled = values.clone();
@@ -141,13 +155,13 @@ mod tests {
     fn a_cloud_that_fills_its_grid_has_nothing_unseen() {
         let mut cloud = corner();
         cloud.extinction.fill(0.01);
-        assert!(Unseen::new(&cloud).is_none());
+        assert!(Unseen::new(&cloud, None).is_none());
     }
 
     #[test]
     fn periodic_sides_see_across() {
         let cloud = Cloud { boundary: Boundary::PeriodicXy, ..corner() };
-        let unseen = Unseen::new(&cloud).unwrap();
+        let unseen = Unseen::new(&cloud, None).unwrap();
         assert!(unseen.seen()[cloud.shape.index(12, 8, 0)]);
         assert!(!unseen.seen()[cloud.shape.index(6, 4, 0)]);
     }

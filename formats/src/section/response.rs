@@ -1,4 +1,4 @@
-//! `CLRT` v1: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
+//! `CLRT` v2: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
 //!
 //! A row belongs to one virtual source and holds, per channel of direction, the Haar coefficients of the cloud's
 //! answer to a source of unit strength. Rows are contiguous and found through an index, so that a reader touches only
@@ -10,6 +10,7 @@ pub use stream::{CHANNEL_BYTES, Channel, ESCAPE, StreamWriter, accumulate, chann
 
 use crate::container::{OutSection, checksum};
 use crate::error::{Limits, ReadError};
+use crate::eyes::{EyeBox, MAX_EYE_DEGREE, eye_functions};
 use crate::grid::GridShape;
 use crate::meta;
 use crate::section::{Tag, check_version, join_head, split_head};
@@ -70,6 +71,11 @@ pub enum ChannelBasis {
         /// Highest degree, 0 to 3.
         degree: u8,
     },
+    /// J towards the eyes of [`ResponseHead::eyes`] alone: its coefficients on the polynomials of [`crate::eyes::EyeFrame`].
+    Eyes {
+        /// Highest degree, 0 to 2.
+        degree: u8,
+    },
 }
 
 impl ChannelBasis {
@@ -78,6 +84,7 @@ impl ChannelBasis {
         match self {
             Self::Directions26 => 26,
             Self::Harmonics { degree } => sphere::harmonic_count(usize::from(degree)),
+            Self::Eyes { degree } => eye_functions(degree),
         }
     }
 }
@@ -149,6 +156,48 @@ pub struct ResponseHead {
     pub codec: Codec,
     /// How they were solved for.
     pub solver: SolverRecord,
+    /// Where eyes may stand; anywhere where absent. From elsewhere the rows' light means nothing. New in version 2.
+    pub eyes: Option<EyeBox>,
+    /// Which cells' light means something, a bit each, lowest first; all where absent. New in version 2.
+    pub seen: Option<Vec<u8>>,
+}
+
+impl ResponseHead {
+    /// Whether the rows' light in cell `cell` means something.
+    pub fn sees(&self, cell: usize) -> bool {
+        self.seen
+            .as_ref()
+            .is_none_or(|seen| seen.get(cell / 8).is_some_and(|byte| byte >> (cell % 8) & 1 == 1))
+    }
+}
+
+/// A bit a cell, lowest first, for [`ResponseHead::seen`].
+pub fn pack_seen(seen: &[bool]) -> Vec<u8> {
+    let byte =
+        |cells: &[bool]| cells.iter().enumerate().fold(0, |byte, (bit, &seen)| byte | u8::from(seen) << bit);
+    seen.chunks(8).map(byte).collect()
+}
+
+/// [`ResponseHead`] as version 1 has it.
+#[derive(Deserialize)]
+struct HeadV1 {
+    shape: GridShape,
+    sources: SourceBasis,
+    distant: Vec<DistantSource>,
+    channels: ChannelBasis,
+    direct: DirectTerm,
+    codec: Codec,
+    solver: SolverRecord,
+}
+
+impl HeadV1 {
+    fn newest(self) -> Result<ResponseHead, ReadError> {
+        let Self { shape, sources, distant, channels, direct, codec, solver } = self;
+        if let ChannelBasis::Eyes { .. } = channels {
+            return Err(invalid("channels", "those of version 1", format!("{channels:?}")));
+        }
+        Ok(ResponseHead { shape, sources, distant, channels, direct, codec, solver, eyes: None, seen: None })
+    }
 }
 
 /// Where a row lies, and how far it may be off.
@@ -197,13 +246,16 @@ impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = Tag(*b"CLRT");
     /// Version that this build writes, and the newest that it reads.
-    pub const VERSION: u16 = 1;
+    pub const VERSION: u16 = 2;
 
     /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
     pub fn read(bytes: &'a [u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
         check_version(Self::TAG, version, Self::VERSION)?;
         let (head, rest) = split_head(Self::TAG, bytes)?;
-        let head: ResponseHead = meta::decode(Self::TAG, head, limits)?;
+        let head: ResponseHead = match version {
+            1 => meta::decode::<HeadV1>(Self::TAG, head, limits)?.newest()?,
+            _ => meta::decode(Self::TAG, head, limits)?,
+        };
         let cells = head.shape.checked_len().filter(|&cells| cells as u64 <= limits.cells);
         if cells.is_none() {
             return Err(invalid("shape", "1 cell to the limit", format!("{:?}", head.shape)));
@@ -211,6 +263,7 @@ impl<'a> ResponseSection<'a> {
         if let ChannelBasis::Harmonics { degree: 4.. } = head.channels {
             return Err(invalid("channels", "degree 0 to 3", format!("{:?}", head.channels)));
         }
+        check_eyes(&head)?;
         if head.solver.refine.iter().any(|&factor| factor == 0 || factor > 64) {
             return Err(invalid("refine", "1 to 64", format!("{:?}", head.solver.refine)));
         }
@@ -331,6 +384,38 @@ impl<'a> ResponseSection<'a> {
         self.bounds.get(row * channels..(row + 1) * channels).unwrap_or_default()
     }
 }
+
+/// Eyes and seen cells, and channels that need them.
+fn check_eyes(head: &ResponseHead) -> Result<(), ReadError> {
+    if let ChannelBasis::Eyes { degree } = head.channels {
+        if degree > MAX_EYE_DEGREE {
+            return Err(invalid("channels", "degree 0 to 2 towards eyes", degree.to_string()));
+        }
+        if head.eyes.is_none() || head.direct == DirectTerm::InRows {
+            let found = format!("eyes {:?}, direct light {:?}", head.eyes, head.direct);
+            return Err(invalid("channels", "eyes, and direct light left to the reader", found));
+        }
+    }
+    if let Some(eyes) = &head.eyes {
+        let within = |axis: usize| {
+            let (low, high) = (eyes.low_m[axis], eyes.high_m[axis]);
+            low <= high && low.abs() <= FARTHEST_EYE && high.abs() <= FARTHEST_EYE
+        };
+        if !(0..3).all(within) {
+            return Err(invalid("eyes", "a box within 1e9 m", format!("{eyes:?}")));
+        }
+    }
+    let Some(seen) = &head.seen else { return Ok(()) };
+    let cells = head.shape.len();
+    let spare = seen.last().is_some_and(|last| cells % 8 != 0 && last >> (cells % 8) != 0);
+    if seen.len() != cells.div_ceil(8) || spare {
+        return Err(invalid("seen cells", "a bit a cell", format!("{} bytes for {cells}", seen.len())));
+    }
+    Ok(())
+}
+
+/// Largest coordinate of an eye, m: its square is far within double precision.
+const FARTHEST_EYE: f64 = 1e9;
 
 fn invalid(field: &'static str, wanted: &'static str, found: String) -> ReadError {
     ReadError::Invalid { section: ResponseSection::TAG, offset: 8, field, wanted, found }

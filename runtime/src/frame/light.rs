@@ -4,7 +4,7 @@ use super::{Flash, FrameMemory, FrameReport};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::flash::{DirectSettings, add_direct};
-use crate::relight::{LampPoint, RelightOptions, Relighter, Relit, channel_factors};
+use crate::relight::{LampPoint, RelightOptions, Relighter, Relit};
 use crate::shade::cloud::direction_to;
 use crate::shade::cloud::march::MarchedCloud;
 use crate::shade::sky::Sky;
@@ -26,6 +26,7 @@ pub fn light_cells(
     rays_per_point: u32,
     memory: &mut FrameMemory,
 ) -> Result<FrameReport, RuntimeError> {
+    relighter.check_camera(camera)?;
     let cloud = relighter.cloud();
     let mut report = FrameReport::default();
     let eyes: Vec<[f32; 3]> = (0..cloud.shape.len())
@@ -43,7 +44,7 @@ pub fn light_cells(
         }
         let sources = relighter.weigh(&lamps, &mut memory.relight)?.len();
         let relit = relighter.relight(&lamps, RelightOptions::default(), &mut memory.relight)?;
-        towards(&relit, &eyes, &mut j);
+        towards(&relit, cloud, &eyes, &mut j);
         if relighter.direct() == DirectTerm::AtRunTime {
             let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
             add_direct(cloud, relighter.extinction_scale(), &lamps, &eyes, settings, &mut j);
@@ -56,7 +57,7 @@ pub fn light_cells(
     with_extinction(cloud, &light, &mut memory.flash_cells);
     for kind in relighter.response().head.distant.iter().map(|source| source.kind) {
         let Some(relit) = relighter.distant(kind, &mut memory.relight)? else { continue };
-        towards(&relit, &eyes, &mut j);
+        towards(&relit, cloud, &eyes, &mut j);
         let colours = distant_colours(cloud, sky, kind);
         light.iter_mut().zip(&j).zip(&colours).for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
     }
@@ -65,12 +66,13 @@ pub fn light_cells(
 }
 
 /// J of relit channels in each cell's own direction to the eye.
-fn towards(relit: &Relit<'_>, eyes: &[[f32; 3]], j: &mut [f32]) {
+fn towards(relit: &Relit<'_>, cloud: &Cloud, eyes: &[[f32; 3]], j: &mut [f32]) {
     let piece = |(start, part): (usize, &mut [f32])| {
         let mut factors = Vec::new();
         for (i, value) in part.iter_mut().enumerate() {
             let cell = start * PIECE + i;
-            channel_factors(relit.basis, Vec3::from_array(eyes[cell]).as_dvec3(), &mut factors);
+            let middle = cloud.centre(cloud.shape.cell(cell));
+            relit.factors(middle, Vec3::from_array(eyes[cell]).as_dvec3(), &mut factors);
             *value = relit.value(cell, &factors);
         }
     };

@@ -1,0 +1,195 @@
+//! Light towards eyes that stand in a box: as right there as light all around, in a fraction of the bytes, and refused elsewhere.
+
+use glam::DVec3;
+use squall_bake::diff::diff;
+use squall_bake::progress::Quiet;
+use squall_bake::recipe::Recipe;
+use squall_bake::relit::relight;
+use squall_bake::storm::bake;
+use squall_formats::container::write;
+use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
+use squall_formats::section::response::{ChannelBasis, ResponseSection};
+use squall_formats::units::Radians;
+use squall_runtime::Asset;
+use squall_runtime::camera::{Camera, Projection};
+use squall_runtime::relight::{LampPoint, Relighter};
+use std::path::Path;
+
+/// A cloud 2 km from the eyes, thick enough to hide its far side: 7 × 10 × 5 cells of 100 m, a mean free path of 20 m behind
+/// a thin front.
+fn write_scene(folder: &Path) {
+    let mut bytes = Vec::new();
+    for z in 0..5 {
+        for y in 0..10 {
+            for x in 0..7 {
+                let density = if y == 0 { 0.3f32 } else { 4.6 + 0.1 * ((x * 7 + y * 5 + z * 3) % 9) as f32 };
+                bytes.extend_from_slice(&density.to_le_bytes());
+            }
+        }
+    }
+    std::fs::write(folder.join("cloud.f32"), bytes).unwrap();
+    let scene = r#"{"dims_xyz": [7, 10, 5], "cell_m": 100.0, "origin_m": [-350.0, 2000.0, 600.0], "density_file": "cloud.f32",
+        "kappa_per_m": 0.01, "albedo": 0.995, "g": 0.8}"#;
+    std::fs::write(folder.join("cloud.json"), scene).unwrap();
+}
+
+const EYES: &str = "[clouds.eyes]\nlow_m = [-200.0, -200.0, 0.0]\nhigh_m = [200.0, 200.0, 80.0]\n";
+
+fn text(lines: &str) -> String {
+    format!("[clouds]\nscene = \"cloud.json\"\n\n[clouds.transport]\ntolerance = 1e-4\n\n{lines}")
+}
+
+fn baked(folder: &Path, lines: &str) -> Asset {
+    write_scene(folder);
+    let path = folder.join("recipe.toml");
+    std::fs::write(&path, text(lines)).unwrap();
+    let mut bytes = Vec::new();
+    write(&mut bytes, &bake(&Recipe::read(&path).unwrap(), &Quiet).unwrap().sections).unwrap();
+    Asset::from_bytes(&bytes).unwrap()
+}
+
+fn records(asset: &Asset) -> Vec<BudgetRecord> {
+    asset.section(ProvenanceSection::TAG, "provenance", ProvenanceSection::read).unwrap().budgets
+}
+
+fn figure(asset: &Asset, what: &str) -> f64 {
+    let records = records(asset);
+    records.iter().find(|record| record.metric.contains(what)).unwrap_or_else(|| panic!("no {what}")).got
+}
+
+fn response_bytes(asset: &Asset) -> u64 {
+    asset.directory().entries.iter().find(|entry| entry.tag == ResponseSection::TAG).unwrap().length
+}
+
+/// Rows hardly coded, so that channels alone differ.
+fn fixed(channels: &str, eyes: &str) -> String {
+    format!(
+        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nchannels = \"{channels}\"\nerror = 0.001\n\
+         test_strokes = 6\n\n{eyes}"
+    )
+}
+
+#[test]
+fn three_channels_towards_eyes_are_as_good_there_as_sixteen_harmonics_and_take_a_fifth_of_the_bytes() {
+    /// What a polynomial of degree 1 may add to the error that lamps' distance makes, both as L2.
+    const ADDED: f64 = 0.01;
+    let folder = tempfile::tempdir().unwrap();
+    let eyes = baked(folder.path(), &fixed("eyes-1", EYES));
+    let all = baked(folder.path(), &fixed("harmonics-3", EYES));
+    let (few, many) = (figure(&eyes, "stroke L2"), figure(&all, "stroke L2"));
+    println!("stroke L2: {few:.4} in {} bytes, {many:.4} in {}", response_bytes(&eyes), response_bytes(&all));
+    assert!(few <= libm::sqrt(many * many + ADDED * ADDED), "{few} beside {many}");
+    assert!(5 * response_bytes(&eyes) < response_bytes(&all));
+    // Against light all around, deep cells too: what the box alone saves.
+    let anywhere = baked(folder.path(), &fixed("harmonics-3", ""));
+    let seen = figure(&eyes, "share of cells");
+    println!("{seen:.3} of the cells are seen; {} bytes for any eye", response_bytes(&anywhere));
+    assert!(seen < 0.9 && response_bytes(&all) < response_bytes(&anywhere));
+}
+
+#[test]
+fn a_budget_takes_channels_towards_eyes_where_they_are_cheapest_and_is_met_by_unseen_eyes() {
+    let folder = tempfile::tempdir().unwrap();
+    let asked = 0.2;
+    let budget = format!("[clouds.response]\ntest_strokes = 8\n\n[clouds.budget]\nstroke_l2 = {asked}\n\n");
+    let asset = baked(folder.path(), &format!("{budget}{EYES}"));
+    let relighter = Relighter::new(&asset).unwrap();
+    let head = &relighter.response().head;
+    let chosen = records(&asset).into_iter().find(|record| record.asked == Some(asked)).unwrap();
+    println!("{chosen:?}, {} bytes", response_bytes(&asset));
+    assert!(matches!(head.channels, ChannelBasis::Eyes { .. }), "{:?}", head.channels);
+    assert!(chosen.metric.contains("unseen eyes") && chosen.got <= asked, "{chosen:?}");
+    let anywhere = baked(folder.path(), &budget);
+    println!("without eyes {} bytes", response_bytes(&anywhere));
+    assert!(2 * response_bytes(&asset) < response_bytes(&anywhere));
+}
+
+#[test]
+fn a_budget_in_milliseconds_is_kept_and_buys_error_with_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let most = [0.004, 0.012];
+    let made = most.map(|ms| {
+        let budget =
+            format!("[clouds.response]\ntest_strokes = 8\n\n[clouds.budget]\nrelight_ms = {ms}\n\n{EYES}");
+        let asset = baked(folder.path(), &budget);
+        let record = records(&asset).into_iter().find(|record| record.asked == Some(ms)).unwrap();
+        println!("{record:?}");
+        assert!(record.got <= ms && record.metric.contains("ms as counted"), "{record:?}");
+        figure(&asset, "stroke L2")
+    });
+    assert!(made[1] < made[0], "{made:?}");
+}
+
+#[test]
+fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let asset = baked(folder.path(), &fixed("eyes-0", EYES));
+    let relighter = Relighter::new(&asset).unwrap();
+    let lamps = [LampPoint { position: DVec3::new(0.0, 2400.0, 900.0), intensity: 1.0 }];
+    let shown = |position: DVec3, cells: bool| {
+        let way = DVec3::new(0.0, 2400.0, 900.0) - position;
+        let perspective = Projection::Perspective { vertical_fov: Radians(0.5) };
+        let camera = Camera::new(position, way, DVec3::Z, perspective, [16, 12]).unwrap();
+        let drawn = relight(&relighter, &lamps, ("eye", &camera), None, cells, &Quiet);
+        drawn.map(|(fields, _)| fields.images[0].2.mean.clone()).map_err(|error| error.to_string())
+    };
+    let picture = shown(DVec3::new(0.0, 0.0, 2.0), false).unwrap();
+    assert!(picture.iter().any(|&pixel| pixel > 0.0), "a lit cloud in the middle of the picture");
+    for outside in [DVec3::new(0.0, 0.0, 500.0), DVec3::new(0.0, 201.0, 2.0)] {
+        let error = shown(outside, false).unwrap_err();
+        assert!(error.contains("camera position") && error.contains(&outside.to_string()), "{error}");
+    }
+    let error = shown(DVec3::new(0.0, 0.0, 2.0), true).unwrap_err();
+    assert!(error.contains("fields") && error.contains("towards eyes alone"), "{error}");
+    let flat = Projection::Orthographic { half_width: 100.0, half_height: 100.0 };
+    let flat = Camera::new(DVec3::ZERO, DVec3::Y, DVec3::Z, flat, [4, 4]).unwrap();
+    let error = relighter.check_camera(&flat).unwrap_err().to_string();
+    assert!(error.contains("an orthographic camera"), "{error}");
+}
+
+#[test]
+fn assets_for_eyes_and_for_anyone_are_compared_where_both_can_be_seen() {
+    /// Degree 1 against degree 3, coding, and cells that only one of them knows left out.
+    const NEAR: f64 = 0.05;
+    let folder = tempfile::tempdir().unwrap();
+    let [few, all] = [("eyes-1", EYES), ("harmonics-3", "")]
+        .map(|(channels, eyes)| baked(folder.path(), &fixed(channels, eyes)));
+    let found = diff(&few, &all).unwrap();
+    let l2 = found
+        .parts
+        .iter()
+        .find(|error| error.metric.contains("relative L2") && error.metric.contains("relit"));
+    let value = l2.and_then(|error| error.value).unwrap();
+    assert!(value > 0.0 && value < NEAR, "{value}");
+    let away = EYES
+        .replace("[-200.0, -200.0, 0.0]", "[-200.0, -900.0, 0.0]")
+        .replace("[200.0, 200.0, 80.0]", "[200.0, -500.0, 80.0]");
+    let other = baked(folder.path(), &fixed("eyes-1", &away));
+    let found = diff(&few, &other).unwrap();
+    assert!(found.parts.iter().any(|error| error.value.is_none() && error.metric.contains("do not meet")));
+}
+
+#[test]
+fn eyes_that_make_no_sense_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let path = folder.path().join("recipe.toml");
+    let refused = |lines: &str, words: [&str; 2]| {
+        std::fs::write(&path, text(lines)).unwrap();
+        let error = match Recipe::read(&path) {
+            Err(error) => error.to_string(),
+            Ok(recipe) => bake(&recipe, &Quiet).map(|_| ()).unwrap_err().to_string(),
+        };
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    };
+    let eyes = |low: &str, high: &str| format!("[clouds.eyes]\nlow_m = {low}\nhigh_m = {high}\n");
+    let channels = "[clouds.response]\nchannels = \"eyes-1\"\n";
+    refused(channels, ["clouds.response.channels", "[clouds.eyes]"]);
+    refused(&format!("{channels}direct = \"rows\"\n{EYES}"), ["clouds.response.channels", "run-time"]);
+    refused(&eyes("[0.0, 0.0, 9.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.high_m", "no less than low_m"]);
+    refused(&eyes("[0.0, nan, 0.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.low_m", "three numbers"]);
+    let near = eyes("[-400.0, 1000.0, 0.0]", "[400.0, 1900.0, 300.0]");
+    refused(&format!("{channels}{near}"), ["clouds.response.channels", "too near"]);
+    let view = "[view]\nposition_m = [0.0, 0.0, 99.0]\nheading_deg = 90.0\n";
+    refused(&format!("{EYES}{view}"), ["view.position_m", "[clouds.eyes]"]);
+}
