@@ -3,6 +3,7 @@
 
 pub mod clouds;
 pub mod cost;
+pub mod density;
 pub mod solver;
 pub mod streaks;
 

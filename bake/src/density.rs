@@ -2,7 +2,8 @@
 //!
 //! `solve_counts` is the slow truth: quadrature over the diameters of a class, each with its own distances
 //! and frustum volume. `bake_density` fills the table whose moments replace that, and picks the number of
-//! rate nodes by the error that it measures between them, lookup against solve.
+//! rate nodes by the error that it measures between them, lookup against solve. How many classes there are is
+//! the recipe's to say, or chosen by [`crate::budget::density`].
 //!
 //! | symbol | name       | unit        |
 //! | R      | `rate`     | mm/h        |
@@ -10,12 +11,17 @@
 //! | N      | `number`   | 1/(m³ mm)   |
 //! | L      | length of a streak before projection | m |
 
+mod gauss;
+
+use crate::budget::density::{ChosenTable, choose_classes};
 use crate::error::BakeError;
 use squall_formats::drops::{self, View, paper};
 use squall_formats::section::density::{Class, DensitySection, MOMENTS, Mode, Ranges, Table};
 use squall_formats::units::{Degrees, MetresPerSecond, Millimetres, MillimetresPerHour, Radians, Seconds};
 use squall_runtime::RuntimeError;
 use squall_runtime::density::{check_view, lookup_counts};
+
+pub(crate) use gauss::GaussRule;
 
 /// What a density table is asked to cover, and how well.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,8 +30,11 @@ pub struct DensitySpec {
     pub ranges: Ranges,
     /// Smallest and largest diameter of the default mode's classes; from 0.1 mm.
     pub diameter: [Millimetres; 2],
-    /// Number of default classes, 1 to 64, equal in the logarithm of the diameter.
+    /// Number of default classes, 1 to 64, equal in the logarithm of the diameter. Without a say where `class_error` is
+    /// given.
     pub classes: usize,
+    /// Largest [`crate::budget::density::speed_error`] that the number of classes is chosen by, 0.001 to 0.5.
+    pub class_error: Option<f64>,
     /// Largest relative error of any class's count, against quadrature.
     pub relative_error: f64,
 }
@@ -42,6 +51,7 @@ impl Default for DensitySpec {
             },
             diameter: drops::DEFAULT_DIAMETERS,
             classes: 16,
+            class_error: None,
             relative_error: 1e-5,
         }
     }
@@ -54,10 +64,15 @@ const DIAMETER_LIMITS: [f64; 2] = [0.1, 12.0];
 /// Lattice cells hold this many drops at most at the table's largest rate: enough that a cell's own cost is
 /// spread over several drops, few enough that cells outside the frustum cost little.
 const DROPS_PER_CELL: f64 = 48.0;
+/// Classes that hold no more than this share of anything that is counted, at the largest rate and any exposure, need no table:
+/// far below what tables are asked for, far above a double's round-off.
+const NEGLIGIBLE: f64 = 1e-12;
+/// Most classes of the default mode.
+pub const MOST_CLASSES: usize = 64;
 /// Nodes tried, in this order; each about √2 of the one before.
 const NODE_COUNTS: [usize; 16] = [4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768];
 /// Gauss points for each of four pieces of a class; more change nothing, see the tests.
-const GAUSS_POINTS: usize = 24;
+pub(crate) const GAUSS_POINTS: usize = 24;
 /// Rates between two nodes at which the error is measured.
 const PROBES: usize = 8;
 
@@ -91,15 +106,31 @@ pub fn solve_counts(
     Ok(classes.iter().map(|&class| count(class)).collect())
 }
 
-/// Fills a density table: the fewest rate nodes whose measured error is within the budget.
+/// Fills a density table: the fewest rate nodes whose measured error is within the budget, and as many classes as the budget
+/// for those asks for, where there is one.
 ///
-/// Errors: a range that makes no sense, or a budget below what round-off allows.
+/// Errors: a range that makes no sense, a budget below what round-off allows, or out of reach of any number of classes.
 pub fn bake_density(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
+    Ok(bake_chosen(spec)?.section)
+}
+
+/// [`bake_density`], with the specification as it was carried out: its number of classes is the one in use.
+///
+/// Errors: as [`bake_density`].
+pub fn bake_chosen(spec: &DensitySpec) -> Result<ChosenTable, BakeError> {
     check_spec(spec)?;
+    match spec.class_error {
+        Some(asked) => choose_classes(spec, asked),
+        None => Ok(ChosenTable { spec: spec.clone(), section: fewest_nodes(spec)?, round: 0 }),
+    }
+}
+
+/// The table of `spec.classes` classes with the fewest nodes within the budget.
+pub(crate) fn fewest_nodes(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
     let mut best = f64::INFINITY;
     for nodes in NODE_COUNTS {
         let mut section = fill_section(spec, nodes);
-        section.measured_error = measure_error(&section)?;
+        section.measured_error = measure_error(&section, f64::INFINITY)?;
         if section.measured_error <= spec.relative_error {
             return Ok(section);
         }
@@ -117,6 +148,29 @@ pub fn bake_density(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
     })
 }
 
+/// The smallest table of `spec.classes` classes within the budget and below `bytes`; `None` where there is none.
+///
+/// From the largest that is small enough downward: one that misses the budget rules out all with fewer nodes.
+pub(crate) fn smaller_table(spec: &DensitySpec, bytes: u64) -> Result<Option<DensitySection>, BakeError> {
+    let counts = Mode::ALL.map(|mode| classes_of(spec, mode).len());
+    let mut smallest = None;
+    for nodes in NODE_COUNTS.into_iter().rev().filter(|&nodes| section_bytes(nodes, counts) < bytes) {
+        let mut section = fill_section(spec, nodes);
+        section.measured_error = measure_error(&section, spec.relative_error)?;
+        if section.measured_error > spec.relative_error {
+            break;
+        }
+        smallest = Some(section);
+    }
+    Ok(smallest)
+}
+
+/// Bytes of a section with `nodes` rates and tables of so many classes, as SPEC.md, "DENS", counts them.
+pub(crate) fn section_bytes(nodes: usize, classes: [usize; 3]) -> u64 {
+    let table = |classes: usize| 4 + 8 + 36 * classes + 8 + 8 * MOMENTS * nodes * classes;
+    (4 * 16 + 2 * 8 + 8 + 8 * nodes + 8 + classes.map(table).iter().sum::<usize>()) as u64
+}
+
 /// Nodes and measured error of the table that lies `step` places from the one with `nodes` in the order of those tried; `None`
 /// where there is none.
 ///
@@ -131,14 +185,42 @@ pub fn error_at_nodes(
     let Some(other) = place.and_then(|place| NODE_COUNTS.get(place.checked_add_signed(step)?)) else {
         return Ok(None);
     };
-    Ok(Some((*other, measure_error(&fill_section(spec, *other))?)))
+    Ok(Some((*other, measure_error(&fill_section(spec, *other), f64::INFINITY)?)))
 }
 
-/// The classes that `mode` counts in, by ascending diameter.
+/// The classes that `mode` counts in, by ascending diameter. The largest drops of the default mode have none where the
+/// largest rate has next to no such drops: they stay with the medium, which holds drops of all sizes.
 pub fn classes_of(spec: &DensitySpec, mode: Mode) -> Vec<[Millimetres; 2]> {
     match mode {
-        Mode::Default => drops::log_classes(spec.diameter[0], spec.diameter[1], spec.classes),
+        Mode::Default => {
+            let mut classes = drops::log_classes(spec.diameter[0], spec.diameter[1], spec.classes);
+            drop_negligible(&mut classes, spec.ranges.rate[1]);
+            classes
+        }
         Mode::PaperExact | Mode::Paper => paper::CLASSES.to_vec(),
+    }
+}
+
+/// The default mode's classes with all that is fixed of them.
+pub(crate) fn default_classes(spec: &DensitySpec) -> Vec<Class> {
+    let largest = spec.ranges.rate[1];
+    let edges = classes_of(spec, Mode::Default).into_iter();
+    edges.map(|edges| fixed_class(Mode::Default, edges, largest)).collect()
+}
+
+/// Takes away classes from the largest down while all of them together hold at most [`NEGLIGIBLE`] of every moment at
+/// `largest`. Counts at any exposure are sums of moments, so their share is no larger; and the share of large drops falls with
+/// the rate.
+fn drop_negligible(classes: &mut Vec<[Millimetres; 2]>, largest: MillimetresPerHour) {
+    let Some(&[_, end]) = classes.last() else { return };
+    let gauss = GaussRule::new(GAUSS_POINTS);
+    let moments = |from: Millimetres| solve_moments(&gauss, Mode::Default, [from, end], largest);
+    let all = moments(classes[0][0]);
+    while let [_, .., [from, _]] = classes[..] {
+        if moments(from).iter().zip(&all).any(|(part, all)| *part > NEGLIGIBLE * all) {
+            return;
+        }
+        classes.pop();
     }
 }
 
@@ -156,8 +238,11 @@ fn check_spec(spec: &DensitySpec) -> Result<(), BakeError> {
     within("density.exposure", ranges.exposure.map(|t| t.0), [1e-6, 1.0], "s")?;
     within("density.length", ranges.length_px, [1.0, 1e4], "px")?;
     within("density.diameter", spec.diameter.map(|d| d.0), DIAMETER_LIMITS, "mm")?;
-    if !(1..=64).contains(&spec.classes) {
+    if !(1..=MOST_CLASSES).contains(&spec.classes) {
         return Err(RuntimeError::argument("density.classes", "1 to 64", spec.classes).into());
+    }
+    if let Some(found) = spec.class_error.filter(|error| !(1e-3..=0.5).contains(error)) {
+        return Err(RuntimeError::argument("density.class_error", "0.001 to 0.5", found).into());
     }
     // Below, round-off of quadrature and logarithms takes over.
     if !(1e-9..1.0).contains(&spec.relative_error) {
@@ -248,8 +333,9 @@ fn fixed_class(mode: Mode, diameter: [Millimetres; 2], largest: MillimetresPerHo
 }
 
 /// Largest relative error of a class's count between the nodes, over the corners of the ranges that matter:
-/// both ends of the exposure (fov, height, aspect and lengths only scale a count, alike in both).
-fn measure_error(section: &DensitySection) -> Result<f64, BakeError> {
+/// both ends of the exposure (fov, height, aspect and lengths only scale a count, alike in both). Above `enough` it stops at the
+/// first place with more.
+fn measure_error(section: &DensitySection, enough: f64) -> Result<f64, BakeError> {
     let [narrow, wide] = section.ranges.vertical_fov.map(Radians::from);
     let [short, long] = section.ranges.exposure;
     let [min_px, max_px] = section.ranges.length_px;
@@ -276,57 +362,13 @@ fn measure_error(section: &DensitySection) -> Result<f64, BakeError> {
                         worst = worst.max((found / exact - 1.0).abs());
                     }
                 }
+                if worst > enough {
+                    return Ok(worst);
+                }
             }
         }
     }
     Ok(worst)
-}
-
-/// Gauss and Legendre's rule on [−1, 1].
-struct GaussRule {
-    points: Vec<[f64; 2]>,
-}
-
-impl GaussRule {
-    /// `count` points and weights, by Newton's method on the Legendre polynomial.
-    fn new(count: usize) -> Self {
-        let point = |i: usize| {
-            let mut x = libm::cos(std::f64::consts::PI * (i as f64 + 0.75) / (count as f64 + 0.5));
-            let mut slope = 1.0;
-            for _ in 0..100 {
-                let (mut previous, mut value) = (1.0, x);
-                for n in 2..=count {
-                    let n = n as f64;
-                    (previous, value) = (value, ((2.0 * n - 1.0) * x * value - (n - 1.0) * previous) / n);
-                }
-                slope = count as f64 * (x * value - previous) / (x * x - 1.0);
-                let step = value / slope;
-                x -= step;
-                if step.abs() < 1e-15 {
-                    break;
-                }
-            }
-            [x, 2.0 / ((1.0 - x * x) * slope * slope)]
-        };
-        Self { points: (0..count).map(point).collect() }
-    }
-
-    fn over(&self, from: f64, to: f64, f: &impl Fn(f64) -> f64) -> f64 {
-        let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-        self.points.iter().map(|[x, weight]| weight * f(middle + half * x)).sum::<f64>() * half
-    }
-
-    /// ∫ f dD over a class: in two where the fall speed jumps inside it, and each in pieces short enough
-    /// that one class over all diameters keeps every digit too.
-    fn over_class(&self, from: Millimetres, to: Millimetres, f: impl Fn(f64) -> f64) -> f64 {
-        let cut = drops::BEST_BELOW.0.clamp(from.0, to.0);
-        [[from.0, cut], [cut, to.0]]
-            .iter()
-            .filter(|[low, high]| low < high)
-            .flat_map(|&[low, high]| drops::log_classes(Millimetres(low), Millimetres(high), 4))
-            .map(|[low, high]| self.over(low.0, high.0, &f))
-            .sum()
-    }
 }
 
 #[cfg(test)]
@@ -347,15 +389,6 @@ mod tests {
     fn total(mode: Mode, rate: f64, view: View) -> f64 {
         let classes = classes_of(&DensitySpec::default(), mode);
         solve_counts(mode, &classes, &view, MillimetresPerHour(rate)).unwrap().iter().sum()
-    }
-
-    #[test]
-    fn gauss_points_integrate_polynomials_and_exponentials_to_round_off() {
-        let rule = GaussRule::new(GAUSS_POINTS);
-        let exact = (1.0 - libm::exp(-9.0)) / 3.0;
-        let found = rule.over(0.0, 3.0, &|x| libm::exp(-3.0 * x));
-        assert!((found / exact - 1.0).abs() < 1e-14);
-        assert!((rule.over(-1.0, 2.0, &|x| x * x * x * x) - 6.6).abs() < 1e-13);
     }
 
     #[test]
@@ -407,6 +440,36 @@ mod tests {
     }
 
     #[test]
+    fn a_sections_bytes_are_as_many_as_its_numbers_of_nodes_and_classes_say() {
+        for (classes, nodes) in [(1, 4), (16, 12)] {
+            let section = fill_section(&DensitySpec { classes, ..Default::default() }, nodes);
+            let section = DensitySection { measured_error: 0.0, ..section };
+            assert_eq!(section.write().len() as u64, section_bytes(nodes, [classes, 5, 5]));
+        }
+    }
+
+    #[test]
+    fn drops_that_no_rate_of_the_table_brings_have_no_class_and_no_count_misses_them() {
+        let mut spec = DensitySpec { diameter: [Millimetres(0.5), Millimetres(12.0)], ..Default::default() };
+        assert_eq!(classes_of(&spec, Mode::Default).len(), spec.classes);
+        spec.ranges.rate = [0.01, 0.5].map(MillimetresPerHour);
+        let classes = classes_of(&spec, Mode::Default);
+        assert!(classes.len() < spec.classes, "{}", classes.len());
+        for rate in spec.ranges.rate {
+            for exposure_ms in [0.01, 1.0, 1000.0] {
+                let view = view(60.0, exposure_ms, 10.0);
+                let kept: f64 = solve_counts(Mode::Default, &classes, &view, rate).unwrap().iter().sum();
+                let all = solve_counts(Mode::Default, &[spec.diameter], &view, rate).unwrap()[0];
+                // What is left out, and the round-off of two sums.
+                assert!(
+                    (kept / all - 1.0).abs() < 2.0 * NEGLIGIBLE,
+                    "{rate:?} {exposure_ms} ms: {kept} {all}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn an_unreachable_budget_or_a_senseless_range_is_refused() {
         let spec = DensitySpec { relative_error: 1e-17, ..Default::default() };
         assert!(bake_density(&spec).unwrap_err().to_string().contains("relative_error"));
@@ -415,6 +478,10 @@ mod tests {
         assert!(bake_density(&spec).unwrap_err().to_string().contains("density.rate"));
         let spec = DensitySpec { classes: 0, ..Default::default() };
         assert!(bake_density(&spec).is_err());
+        for class_error in [0.0, 0.6, f64::NAN].map(Some) {
+            let spec = DensitySpec { class_error, ..Default::default() };
+            assert!(bake_density(&spec).unwrap_err().to_string().contains("density.class_error"));
+        }
         let classes = classes_of(&DensitySpec::default(), Mode::Default);
         let nan = MillimetresPerHour(f64::NAN);
         assert!(solve_counts(Mode::Default, &classes, &view(60.0, 20.0, 30.0), nan).is_err());

@@ -3,7 +3,7 @@
 pub(crate) mod clouds;
 
 use crate::budget::streaks::choose_pattern;
-use crate::density::{bake_density, error_at_nodes};
+use crate::density::{bake_chosen, error_at_nodes};
 use crate::error::BakeError;
 use crate::input::picture::read_grey;
 use crate::input::town::read_town;
@@ -145,10 +145,13 @@ fn bake_rain(
     }
     let start = Stage(Instant::now());
     progress.begin("density tables", 1);
-    let density = bake_density(&rain.density)?;
+    let chosen = bake_chosen(&rain.density)?;
+    let classes_record = chosen.record(rain.density.class_error)?;
+    let classes = chosen.classes();
+    let density = &chosen.section;
     progress.advance(1);
     let neighbour = |step: isize| -> Result<Option<String>, BakeError> {
-        let found = error_at_nodes(&rain.density, density.rates.len(), step)?;
+        let found = error_at_nodes(&chosen.spec, density.rates.len(), step)?;
         Ok(found.map(|(nodes, error)| format!("{nodes} rates: {error:.2e}")))
     };
     provenance.budgets.push(BudgetRecord {
@@ -156,13 +159,18 @@ fn bake_rain(
         metric: "largest relative error of a class's count between nodes".into(),
         asked: Some(rain.density.relative_error),
         got: density.measured_error,
-        chosen: format!("{} rates, {} classes", density.rates.len(), rain.density.classes),
+        chosen: format!("{} rates, {classes}", density.rates.len()),
         next_better: neighbour(1)?,
         next_cheaper: neighbour(-1)?,
     });
+    let error = format!(
+        "counts within {:.4} %, fall {:.1} %",
+        100.0 * density.measured_error,
+        100.0 * classes_record.got
+    );
+    provenance.budgets.push(classes_record);
     let section = density.to_section();
-    let error = format!("counts within {:.4} %", 100.0 * density.measured_error);
-    let made = format!("{} classes, {} modes", rain.density.classes, 3);
+    let made = format!("{classes}, {} modes", density.tables.len());
     stages.push(start.done("density tables", made, section.length(), error));
     sections.push(section);
     Ok(())

@@ -60,6 +60,10 @@ fn absurd_numbers_are_refused_where_they_stand() {
     refused(&format!("{CLOUD}g = 1.0\n"), &["r.toml:3:5", "g"]);
     refused(&format!("{CLOUD}g = -1.0\n"), &["g"]);
     refused("[rain.density]\nrate_mm_per_h = [200.0, 0.1]\n", &["r.toml:2:17", "rising"]);
+    for value in ["0.0", "0.6", "nan"] {
+        let words = ["r.toml:2:15", "rain.density.class_error", "0.001 to 0.5"];
+        refused(&format!("[rain.density]\nclass_error = {value}\n"), &words);
+    }
     refused(&format!("{STROKE}turn_deg = 400.0\n"), &["r.toml:7:12", "turn_deg", "400.0"]);
     refused(
         &format!("{VIEW}vertical_fov_deg = 200.0\n{STROKE}"),

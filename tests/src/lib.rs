@@ -44,6 +44,8 @@ pub fn assert_close(found: f64, wanted: f64, relative: f64, what: &str) {
 #[cfg(test)]
 mod budget;
 #[cfg(test)]
+mod budget_rain;
+#[cfg(test)]
 mod codec;
 #[cfg(test)]
 mod eyes;

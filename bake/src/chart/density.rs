@@ -1,8 +1,10 @@
-//! Chart `density`: how far looked-up counts are off, against the table's bytes and the time of a lookup.
+//! Chart `density`: how far looked-up counts are off, against the table's bytes and the time of a lookup; how far drops fall
+//! apart from their streaks within a class, against the section's bytes.
 
 use super::clock::seconds;
 use super::{Cost, Point, Sweep};
-use crate::density::{DensitySpec, bake_density, solve_counts};
+use crate::budget::density::ChosenTable;
+use crate::density::{DensitySpec, bake_chosen, bake_density, solve_counts};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use squall_formats::drops::{View, paper};
@@ -14,9 +16,11 @@ use squall_runtime::random::Random;
 const ERROR: &str = "count of drops, mean relative error";
 const WORST: &str = "count of drops, largest relative error";
 const BYTES: &str = "table, bytes";
+const FALL: &str = "fall of drops within their classes, RMS relative error";
+const SECTION: &str = "section, bytes";
 const TIME: &str = "lookup, ns";
 
-pub const PAIRS: &[(&str, &str)] = &[(WORST, BYTES), (WORST, TIME), (ERROR, BYTES)];
+pub const PAIRS: &[(&str, &str)] = &[(WORST, BYTES), (WORST, TIME), (ERROR, BYTES), (FALL, SECTION)];
 
 const SEED: u64 = 1;
 const REPEATS: usize = 11;
@@ -28,7 +32,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let asked: &[f64] =
         if task.quick { &[2e-2, 1e-4] } else { &[0.3, 0.1, 2e-2, 5e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7] };
     let classes: &[usize] = if task.quick { &[16] } else { &[4, 16, 32] };
-    progress.begin("chart density", (asked.len() * classes.len() + 2) as u64);
+    let counts: &[usize] = if task.quick { &[4, 16] } else { &[1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64] };
+    progress.begin("chart density", (asked.len() * classes.len() + counts.len() + 3) as u64);
     let mut points = Vec::new();
     let mut measure = |section: &DensitySection,
                        mode: Mode,
@@ -80,22 +85,47 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     for &classes in classes {
         for &relative_error in asked {
             progress.check()?;
-            let spec = DensitySpec { relative_error, classes, ..own.clone() };
+            let spec = DensitySpec { relative_error, classes, class_error: None, ..own.clone() };
             let section = bake_density(&spec)?;
             let setting = format!("asked {relative_error:e}: {} rates", section.rates.len());
             measure(&section, Mode::Default, format!("{classes} classes"), setting, false)?;
             progress.advance(1);
         }
     }
-    let section = bake_density(own)?;
-    let setting = format!("the recipe's: {} rates, {} classes", section.rates.len(), own.classes);
-    measure(&section, Mode::Default, format!("{} classes", own.classes), setting, true)?;
+    let chosen = bake_chosen(own)?;
+    let section = &chosen.section;
+    let setting = format!("the recipe's: {} rates, {}", section.rates.len(), chosen.classes());
+    measure(section, Mode::Default, chosen.classes(), setting, true)?;
     progress.advance(1);
     for mode in [Mode::PaperExact, Mode::Paper] {
-        measure(&section, mode, format!("mode {}", mode.name()), "Bentley's classes".into(), false)?;
+        measure(section, mode, format!("mode {}", mode.name()), "Bentley's classes".into(), false)?;
     }
     progress.advance(1);
+    for &classes in counts {
+        progress.check()?;
+        let spec = DensitySpec { classes, class_error: None, ..own.clone() };
+        points.push(fall(&bake_chosen(&spec)?, false));
+        progress.advance(1);
+    }
+    points.push(fall(&chosen, true));
+    progress.advance(1);
     Ok(points)
+}
+
+/// How far drops of a table's classes fall apart from their streaks.
+fn fall(table: &ChosenTable, chosen: bool) -> Point {
+    let bytes = table.section.to_section().length();
+    let [from, to] = table.spec.diameter.map(|diameter| diameter.0);
+    Point {
+        series: "classes of drops".into(),
+        setting: format!("{}{}", if chosen { "the recipe's: " } else { "" }, table.classes()),
+        truth: format!("quadrature over drops of {from} to {to} mm, each falling with its own speed"),
+        errors: vec![(FALL, table.speed_error())],
+        costs: vec![(SECTION, Cost::exact(bytes as f64))],
+        bytes: Some(bytes),
+        chosen,
+        baseline: false,
+    }
 }
 
 fn span_of(classes: &[[Millimetres; 2]]) -> [Millimetres; 2] {

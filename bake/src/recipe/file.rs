@@ -58,6 +58,7 @@ struct DensityFile {
     streak_px: Option<Spanned<[f64; 2]>>,
     diameter_mm: Option<Spanned<[f64; 2]>>,
     classes: Option<Number>,
+    class_error: Option<Number>,
     error: Option<Number>,
 }
 
@@ -190,6 +191,17 @@ impl Source<'_> {
         Err(self.error(value.span(), field, wanted, number))
     }
 
+    /// What a budget asks for, if there is one.
+    fn budget(
+        &self,
+        field: &str,
+        value: &Option<Number>,
+        range: [f64; 2],
+        unit: &str,
+    ) -> Result<Option<f64>, RecipeError> {
+        value.as_ref().map(|_| self.number(field, value, 0.0, range, unit)).transpose()
+    }
+
     /// Like [`Source::number`], for whole numbers.
     pub(super) fn count(
         &self,
@@ -285,6 +297,7 @@ impl RainFile {
             [0.1, 12.0],
             "mm",
         )?;
+        let class_error = source.budget("rain.density.class_error", &density.class_error, [1e-3, 0.5], "")?;
         let spec = DensitySpec {
             ranges: Ranges {
                 rate: rate.map(MillimetresPerHour),
@@ -295,6 +308,8 @@ impl RainFile {
             diameter: diameter.map(Millimetres),
             classes: source.count("rain.density.classes", &density.classes, usual.classes as u32, [1, 64])?
                 as usize,
+            // What is said outright overrides the budget.
+            class_error: class_error.filter(|_| density.classes.is_none()),
             relative_error: source.number("rain.density.error", &density.error, 5e-3, [1e-9, 0.5], "")?,
         };
         let streaks = &self.streaks;
@@ -313,16 +328,9 @@ impl RainFile {
         };
         let cosines =
             source.count("rain.streaks.cosines", &streaks.cosines, usual.cosines as u32, [0, 64])? as usize;
-        let psnr_db = match streaks.cosines {
-            // What is said outright overrides the budget.
-            Some(_) => None,
-            None => {
-                let field = "rain.streaks.psnr_db";
-                let number =
-                    |value: &Number| source.number(field, &Some(value.clone()), 0.0, [1.0, 80.0], "dB");
-                streaks.psnr_db.as_ref().map(number).transpose()?
-            }
-        };
+        let psnr_db = source.budget("rain.streaks.psnr_db", &streaks.psnr_db, [1.0, 80.0], "dB")?;
+        // What is said outright overrides the budget.
+        let psnr_db = psnr_db.filter(|_| streaks.cosines.is_none());
         Ok(Rain { pictures, fit: FitSettings { method, cosines }, psnr_db, density: spec })
     }
 }
