@@ -288,7 +288,9 @@ mod tests {
                     [[1.0, 1.0, 0.0, 0.0], [1.0, 2.0, 1.0, 0.0], [1.0, 3.0, 3.0, 1.0]][n as usize - 1];
                 (0..=n)
                     .map(|k| {
-                        let factor = choose[k as usize] * f64::powi(9.65, n - k) * f64::powi(-10.3, k);
+                        let factor = choose[k as usize]
+                            * libm::pow(9.65, f64::from(n - k))
+                            * libm::pow(-10.3, f64::from(k));
                         factor * exponential(slope + 0.6 * f64::from(k))
                     })
                     .sum()
