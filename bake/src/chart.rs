@@ -9,6 +9,7 @@ mod compression;
 mod density;
 mod end_to_end;
 mod lightning;
+mod peers;
 mod rain_frame;
 mod scene;
 mod streaks;
@@ -17,6 +18,7 @@ mod transport;
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::recipe::Recipe;
+pub use peers::{Peer, Peers};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
@@ -152,6 +154,8 @@ pub struct Sweep<'a> {
     pub quick: bool,
     /// Folder with independent reference data, laid out as the reference's README says; those series are left out without it.
     pub reference: Option<PathBuf>,
+    /// Codecs from outside that `compression` shows beside ours; none where none are asked for.
+    pub peers: Option<Peers>,
     /// Charts to make; all where empty.
     pub only: Vec<String>,
 }

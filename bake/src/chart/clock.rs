@@ -32,9 +32,7 @@ pub fn seconds<T: Send>(repeats: usize, mut work: impl FnMut() -> T + Send) -> (
         for _ in 1..repeats {
             result = timed(&mut work);
         }
-        times.sort_unstable_by(f64::total_cmp);
-        let pick = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
-        (result, Cost { median: pick(0.5), p10: pick(0.1), p90: pick(0.9) })
+        (result, Cost::of(times))
     };
     match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => pool.install(run),
@@ -44,6 +42,13 @@ pub fn seconds<T: Send>(repeats: usize, mut work: impl FnMut() -> T + Send) -> (
 }
 
 impl Cost {
+    /// What repeats of the same work took; at least one is wanted.
+    pub(super) fn of(mut times: Vec<f64>) -> Self {
+        times.sort_unstable_by(f64::total_cmp);
+        let pick = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
+        Self { median: pick(0.5), p10: pick(0.1), p90: pick(0.9) }
+    }
+
     /// The same cost in another unit.
     pub fn times(self, factor: f64) -> Self {
         Self { median: self.median * factor, p10: self.p10 * factor, p90: self.p90 * factor }

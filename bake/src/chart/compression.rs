@@ -16,12 +16,12 @@ use squall_runtime::transport::Cloud;
 const L2: &str = "relit L2";
 const TAIL: &str = "relit, 99.9th percentile over the peak";
 const MEDIAN: &str = "relit, median pointwise";
-const BYTES: &str = "bytes a source";
-const TIME: &str = "relight, CPU µs";
+pub const BYTES: &str = "bytes a source";
+pub const TIME: &str = "relight, CPU µs";
 
 pub const PAIRS: &[(&str, &str)] = &[(L2, BYTES), (L2, TIME), (TAIL, BYTES), (MEDIAN, BYTES)];
 
-const REPEATS: usize = 9;
+pub const REPEATS: usize = 9;
 
 pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {
     let most = if task.quick { 1 << 11 } else { 1 << 14 };
@@ -54,7 +54,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     if !kinds.contains(&(own.channels, own.direct)) {
         kinds.push((own.channels, own.direct));
     }
-    progress.begin("chart compression", (kinds.len() * errors.len()) as u64);
+    let steps = errors.len() + task.peers.as_ref().map_or(0, |peers| peers.steps(task.quick));
+    progress.begin("chart compression", (kinds.len() * steps) as u64);
     let mut points = Vec::new();
     for (channels, direct) in kinds {
         let settings = ResponseSettings { channels, direct, ..*own };
@@ -85,6 +86,9 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                 }
             }
         }
+        if let Some(peers) = &task.peers {
+            points.extend(peers.sweep(&solved, (&truth, all), task.quick, progress)?);
+        }
     }
     Ok(points)
 }
@@ -112,6 +116,16 @@ fn dense(solved: &SolvedRows, truth: &str, all: usize) -> Point {
     }
 }
 
+/// Errors of strokes as one: the root mean square (L2) or the mean (tail, median).
+pub fn mean_errors(each: &[RelitError]) -> Vec<(&'static str, f64)> {
+    let mean = |of: fn(&RelitError) -> f64| each.iter().map(of).sum::<f64>() / each.len() as f64;
+    vec![
+        (L2, libm::sqrt(mean(|one| one.l2 * one.l2))),
+        (TAIL, mean(|one| one.tail)),
+        (MEDIAN, mean(|one| one.median)),
+    ]
+}
+
 fn coded(
     cloud: &Cloud,
     solved: &SolvedRows,
@@ -124,14 +138,11 @@ fn coded(
     let relighter = Relighter::new(&asset)?;
     let options = RelightOptions { paper_ambient: ambient };
     let mut buffers = RelightBuffers::default();
-    let mut sum = RelitError::default();
+    let mut each = Vec::with_capacity(tests.len());
     for test in &tests {
         let relit = relighter.relight(&test.lamps, options, &mut buffers)?;
         let wanted = spread(&Relit { planes: &test.uncompressed, ..relit });
-        let one = compare(&spread(&relit), &wanted);
-        sum.l2 += one.l2 * one.l2;
-        sum.tail += one.tail;
-        sum.median += one.median;
+        each.push(compare(&spread(&relit), &wanted));
     }
     let strokes = tests.len() as f64;
     let (done, cost) = seconds(REPEATS, || -> Result<(), BakeError> {
@@ -150,11 +161,7 @@ fn coded(
         series: series.into(),
         setting: format!("{series}, asked {error:e}"),
         truth: String::new(),
-        errors: vec![
-            (L2, libm::sqrt(sum.l2 / strokes)),
-            (TAIL, sum.tail / strokes),
-            (MEDIAN, sum.median / strokes),
-        ],
+        errors: mean_errors(&each),
         costs: vec![(BYTES, Cost::exact(bytes as f64 / rows as f64)), (TIME, cost.times(1e6 / strokes))],
         bytes: Some(bytes),
         chosen: false,

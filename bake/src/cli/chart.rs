@@ -6,7 +6,7 @@ mod svg;
 use super::folder::{OutputFolder, check_apart};
 use super::progress::Bars;
 use squall_bake::BakeError;
-use squall_bake::chart::{CHARTS, Row, Sweep, sweep};
+use squall_bake::chart::{CHARTS, Peers, Row, Sweep, sweep};
 use squall_bake::input::read_json;
 use squall_bake::output::write_atomically;
 use squall_bake::recipe::Recipe;
@@ -31,11 +31,15 @@ pub struct Args {
     #[arg(long, conflicts_with = "redraw")]
     resume: bool,
     /// Sweeps nothing, and draws again what an earlier sweep left in the folder's data.json.
-    #[arg(long, conflicts_with_all = ["quick", "only", "reference"])]
+    #[arg(long, conflicts_with_all = ["quick", "only", "reference", "peers"])]
     redraw: bool,
     /// Folder of independent reference data (fields, streak pictures), for the series that are judged by it.
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
+    /// Python script that codes rows with outside codecs, for the chart compression: data/peers/compress.py knows zfp and SZ3,
+    /// and leaves out what is not installed.
+    #[arg(long, value_name = "SCRIPT")]
+    peers: Option<PathBuf>,
 }
 
 fn id(text: &str) -> Result<String, String> {
@@ -57,7 +61,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let names: Vec<&str> =
         names.iter().map(String::as_str).chain(["data.csv", "data.json", "index.html"]).collect();
     let outputs: Vec<PathBuf> = names.iter().map(|name| args.out.join(name)).collect();
-    check_apart(&outputs.iter().map(PathBuf::as_path).collect::<Vec<_>>(), recipe.inputs()?.iter())?;
+    check_apart(
+        &outputs.iter().map(PathBuf::as_path).collect::<Vec<_>>(),
+        recipe.inputs()?.iter().chain(&args.peers),
+    )?;
     let mut folder = OutputFolder::prepare(&args.out)?;
     folder.expect(names);
     let rows = if args.redraw {
@@ -105,12 +112,23 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 /// Sweeps chart by chart. Each leaves its rows in the folder until all are done, for [`Args::resume`].
 fn sweep_all(args: &Args, recipe: &Recipe) -> anyhow::Result<Vec<Row>> {
     let bars = Bars::new()?;
+    let peers = match &args.peers {
+        Some(script) => Some(Peers::ask(script, &bars)?),
+        None => None,
+    };
+    for absent in peers.iter().flat_map(|peers| &peers.absent) {
+        eprintln!("note: left out of the chart compression: {absent}");
+    }
     let (mut rows, mut finished) = (Vec::new(), Vec::new());
     for (id, _) in CHARTS.iter().filter(|(id, _)| args.only.is_empty() || args.only.iter().any(|o| o == id)) {
         let mut of = blake3::Hasher::new();
         of.update(
             format!("{} {id} {} {:?}", env!("CARGO_PKG_VERSION"), args.quick, args.reference).as_bytes(),
         );
+        if let (Some(peers), Some(script), "compression") = (&peers, &args.peers, *id) {
+            of.update(format!("{:?}", peers.found).as_bytes());
+            of.update(&std::fs::read(script).map_err(BakeError::io(script, "read"))?);
+        }
         for input in recipe.inputs()? {
             of.update(&std::fs::read(&input).map_err(BakeError::io(&input, "read"))?);
         }
@@ -120,7 +138,8 @@ fn sweep_all(args: &Args, recipe: &Recipe) -> anyhow::Result<Vec<Row>> {
             read_json(&file, "rows of an interrupted sweep")?
         } else {
             let only = vec![(*id).to_owned()];
-            let task = Sweep { recipe, quick: args.quick, reference: args.reference.clone(), only };
+            let (reference, peers) = (args.reference.clone(), peers.clone());
+            let task = Sweep { recipe, quick: args.quick, reference, peers, only };
             let swept = sweep(&task, &bars);
             if matches!(swept, Err(BakeError::Interrupted)) && !finished.is_empty() {
                 let done = finished.len();
