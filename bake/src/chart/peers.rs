@@ -30,6 +30,9 @@ const ASKED: &[f64] = &[0.3, 0.1, 0.03, 0.01, 5e-3, 2e-3, 1e-3];
 /// The same in a quick sweep.
 const ASKED_QUICKLY: &[f64] = &[0.1, 0.01];
 
+/// Times that each row's decoding is timed: it takes some milliseconds, far above what a clock resolves.
+const DECODINGS: usize = 5;
+
 /// A codec from outside, as the script names it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Peer {
@@ -80,7 +83,7 @@ impl Peers {
         for peer in &self.found {
             for &error in asked(quick) {
                 progress.check()?;
-                let coded = exchange.code(peer, error, REPEATS, progress)?;
+                let coded = exchange.code(peer, error, DECODINGS, progress)?;
                 let mut sums = judge.sums();
                 exchange.read_back(peer, |row, values| judge.add(&mut sums, row, values))?;
                 points.push(judge.point(peer, error, &coded, &sums, (truth, all)));
