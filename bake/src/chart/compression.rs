@@ -5,12 +5,15 @@ use super::scene::chart_scene;
 use super::{Cost, Point, Sweep};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
-use crate::response::judge::{RelitError, compare, spread};
+use crate::response::judge::{RelitError, ViewFactors, Views};
 use crate::response::{LampGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
 use crate::storm::clouds::{place_lamps, strokes_for};
 use crate::trial::{asset_of, touched};
+use squall_formats::eyes::EyeFrame;
 use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
-use squall_runtime::relight::{RelightBuffers, RelightOptions, Relighter, Relit};
+use squall_runtime::relight::{
+    RelightBuffers, RelightOptions, Relighter, Relit, SourceWeight, eye_frame, split_lamps,
+};
 use squall_runtime::transport::Cloud;
 
 const L2: &str = "relit L2";
@@ -60,12 +63,16 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     for (channels, direct) in kinds {
         let settings = ResponseSettings { channels, direct, ..*own };
         let solved = solve_rows(cloud, &sources, &settings, &strokes, None, &Quiet)?;
+        let sight = Sight::new(cloud, &solved);
         let what = match (channels, direct) {
             (ChannelBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
+            (ChannelBasis::Eyes { .. }, _) => {
+                format!("{} channels towards eyes, direct light at run time", channels.count())
+            }
             (other, _) => format!("{} harmonics, direct light at run time", other.count()),
         };
         let truth = format!("{}: {} strokes, the same rows uncompressed, {what}", scene.words, strokes.len());
-        points.push(dense(&solved, &truth, all));
+        points.push(dense(&solved, &truth, all)?);
         for &error in &errors {
             progress.check()?;
             progress.advance(1);
@@ -77,7 +84,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                         && channels == own.channels
                         && direct == own.direct
                         && error == own.relative_error;
-                    let mut point = coded(cloud, &solved, (channels, codec, error), ambient)?;
+                    let mut point = coded(cloud, &solved, &sight, (channels, codec, error), ambient)?;
                     point.truth = truth.clone();
                     point.bytes =
                         point.bytes.map(|bytes| bytes * all as u64 / solved.planes.len().max(1) as u64);
@@ -87,33 +94,59 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             }
         }
         if let Some(peers) = &task.peers {
-            points.extend(peers.sweep(&solved, (&truth, all), task.quick, progress)?);
+            points.extend(peers.sweep(&solved, &sight, (&truth, all), task.quick, progress)?);
         }
     }
     Ok(points)
 }
 
+/// From where rows are judged: the 26 directions, or eyes.
+pub struct Sight {
+    views: Views,
+    factors: ViewFactors,
+    frame: Option<EyeFrame>,
+}
+
+impl Sight {
+    fn new(cloud: &Cloud, solved: &SolvedRows) -> Self {
+        let head = &solved.head;
+        let frame = head.eyes.as_ref().map(|eyes| eye_frame(eyes, cloud));
+        let views = Views::new(cloud, head.eyes.as_ref(), 0, |cell| head.sees(cell));
+        Self { factors: views.factors(head.channels, frame.as_ref()), views, frame }
+    }
+
+    /// Errors of one stroke's channels against others of the same kind.
+    pub fn errors(&self, basis: ChannelBasis, found: &[f32], wanted: &[f32]) -> RelitError {
+        let light = |planes| Relit { basis, frame: self.frame, cells: found.len() / basis.count(), planes };
+        self.views.errors(&light(found), &light(wanted), &self.factors)
+    }
+}
+
 /// The rows as they were solved: four bytes a value, no error, a sum over rows.
-fn dense(solved: &SolvedRows, truth: &str, all: usize) -> Point {
+fn dense(solved: &SolvedRows, truth: &str, all: usize) -> Result<Point, BakeError> {
     let rows = &solved.planes;
     let bytes = rows.first().map_or(0, |row| row.len() * size_of::<f32>()) as f64;
-    let touched = (rows.len() / solved.tests.len().max(1)).max(1);
+    let strokes = solved.tests.iter().map(|test| split_lamps(&solved.head, &test.lamps));
+    let strokes: Vec<Vec<SourceWeight>> = strokes.collect::<Result<_, _>>()?;
+    let count = strokes.len().max(1) as f64;
+    let touched = strokes.iter().map(Vec::len).sum::<usize>() as f64 / count;
     let mut sum = vec![0.0f32; rows.first().map_or(0, Vec::len)];
     let (_, cost) = seconds(REPEATS, || {
-        for row in rows.iter().take(touched) {
-            sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += 0.5 * value);
+        for weight in strokes.iter().flatten() {
+            let row = &rows[weight.row as usize];
+            sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight.intensity * value);
         }
     });
-    Point {
+    Ok(Point {
         series: "uncompressed, f32".into(),
-        setting: format!("a sum over {touched} rows"),
+        setting: format!("a sum over {touched:.0} rows"),
         truth: truth.into(),
         errors: vec![(L2, 0.0), (TAIL, 0.0), (MEDIAN, 0.0)],
-        costs: vec![(BYTES, Cost::exact(bytes)), (TIME, cost.times(1e6))],
+        costs: vec![(BYTES, Cost::exact(bytes)), (TIME, cost.times(1e6 / count))],
         bytes: Some((bytes * all as f64) as u64),
         chosen: false,
         baseline: false,
-    }
+    })
 }
 
 /// Errors of strokes as one: the root mean square (L2) or the mean (tail, median).
@@ -129,6 +162,7 @@ pub fn mean_errors(each: &[RelitError]) -> Vec<(&'static str, f64)> {
 fn coded(
     cloud: &Cloud,
     solved: &SolvedRows,
+    sight: &Sight,
     (channels, codec, error): (ChannelBasis, Codec, f64),
     ambient: bool,
 ) -> Result<Point, BakeError> {
@@ -141,8 +175,7 @@ fn coded(
     let mut each = Vec::with_capacity(tests.len());
     for test in &tests {
         let relit = relighter.relight(&test.lamps, options, &mut buffers)?;
-        let wanted = spread(&Relit { planes: &test.uncompressed, ..relit });
-        each.push(compare(&spread(&relit), &wanted));
+        each.push(sight.errors(channels, relit.planes, &test.uncompressed));
     }
     let strokes = tests.len() as f64;
     let (done, cost) = seconds(REPEATS, || -> Result<(), BakeError> {

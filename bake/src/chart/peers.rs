@@ -13,16 +13,16 @@
 mod exchange;
 
 use super::clock::seconds;
-use super::compression::{BYTES, REPEATS, TIME, mean_errors};
+use super::compression::{BYTES, REPEATS, Sight, TIME, mean_errors};
 use super::{Cost, Point};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::response::SolvedRows;
-use crate::response::judge::{RelitError, compare, spread};
+use crate::response::judge::RelitError;
 use exchange::{Coded, Exchange};
 use serde::Deserialize;
 use squall_formats::section::response::{self, ResponseRows};
-use squall_runtime::relight::{Relit, SourceWeight, split_lamps};
+use squall_runtime::relight::{SourceWeight, split_lamps};
 use std::path::{Path, PathBuf};
 
 /// Relative L2 errors that rows are asked for, in a full sweep: fewer than ours, as each takes a search.
@@ -70,6 +70,7 @@ impl Peers {
     pub(super) fn sweep(
         &self,
         solved: &SolvedRows,
+        sight: &Sight,
         (truth, all): (&str, usize),
         quick: bool,
         progress: &dyn Progress,
@@ -77,7 +78,7 @@ impl Peers {
         if self.found.is_empty() || solved.planes.is_empty() {
             return Ok(Vec::new());
         }
-        let judge = Judge::new(solved)?;
+        let judge = Judge::new(solved, sight)?;
         let exchange = Exchange::new(&self.script, solved)?;
         let mut points = Vec::new();
         for peer in &self.found {
@@ -101,6 +102,8 @@ fn asked(quick: bool) -> &'static [f64] {
 /// Strokes as sums over rows of light in cells.
 struct Judge<'a> {
     solved: &'a SolvedRows,
+    /// From where they are judged.
+    sight: &'a Sight,
     /// Rows and weights of each stroke.
     weights: Vec<Vec<SourceWeight>>,
     /// Seconds that adding up a stroke's rows takes once they are decoded, a mean over strokes.
@@ -110,7 +113,7 @@ struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    fn new(solved: &'a SolvedRows) -> Result<Self, BakeError> {
+    fn new(solved: &'a SolvedRows, sight: &'a Sight) -> Result<Self, BakeError> {
         let weights: Vec<Vec<SourceWeight>> = solved
             .tests
             .iter()
@@ -128,7 +131,7 @@ impl<'a> Judge<'a> {
         let empty = ResponseRows { rows: vec![Vec::new(); rows.len()], bounds: Vec::new() };
         let around = response::write(&solved.head, empty).length();
         let adding = cost.times(1.0 / weights.len().max(1) as f64);
-        Ok(Self { solved, weights, adding, around })
+        Ok(Self { solved, sight, weights, adding, around })
     }
 
     /// One plane a channel and stroke, nothing in it yet.
@@ -147,14 +150,10 @@ impl<'a> Judge<'a> {
 
     /// Errors of the strokes' sums, the root mean square (L2) or the mean (tail, median) over strokes.
     fn errors(&self, sums: &[Vec<f32>]) -> Vec<(&'static str, f64)> {
-        let (basis, cells) = (self.solved.head.channels, self.solved.head.shape.len());
         let each: Vec<RelitError> = sums
             .iter()
             .zip(&self.solved.tests)
-            .map(|(sum, test)| {
-                let spread = |planes| spread(&Relit { basis, cells, planes });
-                compare(&spread(sum), &spread(&test.uncompressed))
-            })
+            .map(|(sum, test)| self.sight.errors(self.solved.head.channels, sum, &test.uncompressed))
             .collect();
         mean_errors(&each)
     }

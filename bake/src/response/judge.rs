@@ -1,6 +1,6 @@
 //! How good a response is: strokes that it was not baked for, relit from the bytes that ship.
 
-use super::{TestStroke, add_direct, in_26_directions};
+use super::{TestStroke, add_direct};
 use crate::error::BakeError;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -76,12 +76,6 @@ impl Views {
         Self { eyes: cells.iter().flat_map(towards).collect(), cells, weights: vec![1.0 / EYES as f64; EYES] }
     }
 
-    /// Of what `relighter` knows light for.
-    pub fn of(relighter: &Relighter<'_>, number: u64) -> Self {
-        let head = &relighter.response().head;
-        Self::new(relighter.cloud(), head.eyes.as_ref(), number, |cell| head.sees(cell))
-    }
-
     /// Errors of `found` against `wanted`, values of these views both.
     pub fn compare(&self, found: &[f32], wanted: &[f32]) -> RelitError {
         compare_views(found, wanted, &self.weights)
@@ -114,6 +108,11 @@ impl Views {
             out.extend(rows.map(|row| relit.value(cell as usize, row)));
         }
         out
+    }
+
+    /// Errors of relit light against other light in the same channels.
+    pub fn errors(&self, found: &Relit<'_>, wanted: &Relit<'_>, factors: &ViewFactors) -> RelitError {
+        self.compare(&self.light(found, factors), &self.light(wanted, factors))
     }
 
     /// Light in the 26 directions, read between them.
@@ -221,26 +220,6 @@ impl Judge {
 pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Result<Verdict, BakeError> {
     let judge = Judge::new(relighter.cloud(), relighter.eyes(), relighter.direct(), tests, number);
     judge.verdict(relighter, tests)
-}
-
-/// Channels to values in the 26 directions, 26 a cell; zero for channels towards eyes, which hold none of those.
-pub fn spread(relit: &Relit<'_>) -> Vec<f32> {
-    let channels = relit.basis.count();
-    match relit.basis {
-        ChannelBasis::Directions26 => {
-            (0..relit.cells * 26).map(|i| relit.planes[i % 26 * relit.cells + i / 26]).collect()
-        }
-        ChannelBasis::Eyes { .. } => vec![0.0; relit.cells * 26],
-        ChannelBasis::Harmonics { .. } => {
-            let mut coefficients = vec![0.0f32; relit.cells * MAX_HARMONICS];
-            for cell in 0..relit.cells {
-                for channel in 0..channels {
-                    coefficients[cell * MAX_HARMONICS + channel] = relit.planes[channel * relit.cells + cell];
-                }
-            }
-            in_26_directions(&coefficients)
-        }
-    }
 }
 
 /// Errors of `found` against `wanted`, both 26 values a cell.

@@ -407,7 +407,7 @@ fn check_eyes(head: &ResponseHead) -> Result<(), ReadError> {
     }
     let Some(seen) = &head.seen else { return Ok(()) };
     let cells = head.shape.len();
-    let spare = seen.last().is_some_and(|last| cells % 8 != 0 && last >> (cells % 8) != 0);
+    let spare = seen.last().is_some_and(|last| !cells.is_multiple_of(8) && last >> (cells % 8) != 0);
     if seen.len() != cells.div_ceil(8) || spare {
         return Err(invalid("seen cells", "a bit a cell", format!("{} bytes for {cells}", seen.len())));
     }
