@@ -86,8 +86,11 @@ pub struct Rain {
     pub pictures: Vec<PathBuf>,
     /// How to fit them.
     pub fit: FitSettings,
-    /// PSNR that every pattern is to have, dB; the number of cosines is then chosen picture by picture.
+    /// PSNR that every pattern is to have, dB; method and number of cosines are then chosen picture by
+    /// picture.
     pub psnr_db: Option<f64>,
+    /// Whether the recipe names the method itself; where not, a PSNR chooses it too.
+    pub method_given: bool,
     /// What the density table must cover, and how well.
     pub density: DensitySpec,
 }

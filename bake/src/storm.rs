@@ -2,7 +2,7 @@
 
 pub(crate) mod clouds;
 
-use crate::budget::streaks::choose_pattern;
+use crate::budget::streaks::{METHODS, choose_pattern, stored_bytes};
 use crate::density::{bake_chosen, error_at_nodes};
 use crate::error::BakeError;
 use crate::input::picture::read_grey;
@@ -14,7 +14,7 @@ use clouds::bake_clouds;
 use squall_formats::container::OutSection;
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::provenance::{BudgetRecord, InputRecord, ProvenanceSection};
-use squall_formats::section::streak::{StreakPattern, StreakSection};
+use squall_formats::section::streak::{Method, StreakPattern, StreakSection};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -121,10 +121,9 @@ fn bake_rain(
                 metric: "least PSNR of a pattern after quantisation, dB".into(),
                 asked: Some(asked),
                 got: worst,
-                chosen: format!("{method}, {terms} cosines in {} patterns", patterns.len()),
+                chosen: format!("{}, {terms} cosines in {} patterns", methods_of(&patterns), patterns.len()),
                 next_better: streaks_beyond(rain, &patterns)?,
-                next_cheaper: next_cheaper
-                    .map(|(name, cosines, psnr)| format!("{cosines} cosines in {name}: {psnr:.2} dB")),
+                next_cheaper: next_cheaper.map(|pattern| pattern_words(&pattern)),
             },
             None => BudgetRecord {
                 part: "streaks".into(),
@@ -176,19 +175,33 @@ fn bake_rain(
     Ok(())
 }
 
-/// The patterns, and where a PSNR chose them the one that came nearest to it with fewer cosines: its name, their number, dB.
-type Fitted = (Vec<StreakPattern>, Option<(String, usize, f64)>);
+/// A pattern's setting, error and cost.
+fn pattern_words(pattern: &StreakPattern) -> String {
+    let (method, terms) = (pattern.method.name(), pattern.pattern.terms());
+    let (name, psnr, bytes) = (&pattern.name, pattern.psnr_db, stored_bytes(pattern));
+    format!("{method}, {terms} cosines in {name}: {psnr:.2} dB, {bytes} bytes")
+}
+
+/// Names of the methods that patterns were fitted by.
+fn methods_of(patterns: &[StreakPattern]) -> String {
+    let used = Method::ALL.into_iter().filter(|method| patterns.iter().any(|p| p.method == *method));
+    used.map(Method::name).collect::<Vec<_>>().join(" and ")
+}
+
+/// The patterns, and where a PSNR chose them the one that came nearest to it with fewer bytes.
+type Fitted = (Vec<StreakPattern>, Option<StreakPattern>);
 
 fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError> {
     use rayon::prelude::*;
-    let fit = |path: &PathBuf| -> Result<(StreakPattern, Option<(usize, f64)>), BakeError> {
+    let methods = if rain.method_given { std::slice::from_ref(&rain.fit.method) } else { &METHODS };
+    let fit = |path: &PathBuf| -> Result<(StreakPattern, Option<StreakPattern>), BakeError> {
         progress.check()?;
         let picture = read_grey(path)?;
         let source = streak::Source { file: path, picture: &picture, notes: None };
         let fitted = match rain.psnr_db {
             None => (streak::fit(&source, rain.fit)?, None),
             Some(asked) => {
-                let chosen = choose_pattern(&source, rain.fit.method, asked)?;
+                let chosen = choose_pattern(&source, methods, asked)?;
                 (chosen.pattern, chosen.cheaper)
             }
         };
@@ -196,13 +209,13 @@ fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError
         Ok(fitted)
     };
     let fitted: Vec<Result<_, BakeError>> = rain.pictures.par_iter().map(fit).collect();
-    let (mut patterns, mut nearest) = (Vec::new(), None::<(String, usize, f64)>);
+    let (mut patterns, mut nearest) = (Vec::new(), None::<StreakPattern>);
     for one in fitted {
         let (pattern, cheaper) = one?;
-        if let Some((cosines, psnr)) = cheaper
-            && nearest.as_ref().is_none_or(|(_, _, best)| psnr > *best)
+        if let Some(cheaper) = cheaper
+            && nearest.as_ref().is_none_or(|best| cheaper.psnr_db > best.psnr_db)
         {
-            nearest = Some((pattern.name.clone(), cosines, psnr));
+            nearest = Some(cheaper);
         }
         patterns.push(pattern);
     }
@@ -217,7 +230,6 @@ fn streaks_beyond(rain: &Rain, patterns: &[StreakPattern]) -> Result<Option<Stri
     let Some(cosines) = more else { return Ok(None) };
     let picture = read_grey(path)?;
     let source = streak::Source { file: path, picture: &picture, notes: None };
-    let better = streak::fit(&source, streak::FitSettings { cosines, ..rain.fit })?;
-    let words = format!("{cosines} cosines in {}: {:.2} dB", pattern.name, better.psnr_db);
-    Ok((better.psnr_db > pattern.psnr_db).then_some(words))
+    let better = streak::fit(&source, streak::FitSettings { cosines, method: pattern.method })?;
+    Ok((better.psnr_db > pattern.psnr_db).then(|| pattern_words(&better)))
 }

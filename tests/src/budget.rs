@@ -2,10 +2,13 @@
 //! where they cannot be met.
 
 use squall_bake::BakeError;
+use squall_bake::budget::streaks::{METHODS, choose_pattern, stored_bytes};
+use squall_bake::input::picture::read_grey;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
 use squall_bake::response::{LampGrid, Sources, solve_rows};
 use squall_bake::storm::bake;
+use squall_bake::streak::Source;
 use squall_bake::trial::{asset_of, strokes_that_judge};
 use squall_formats::container::{OutSection, write};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
@@ -232,7 +235,7 @@ fn a_solver_budget_takes_the_cheapest_sweep_that_is_near_the_finest() {
 }
 
 #[test]
-fn streaks_take_the_fewest_cosines_that_reach_their_psnr() {
+fn streaks_take_the_fewest_bytes_that_reach_their_psnr() {
     const ASKED_DB: f64 = 31.0;
     let folder = tempfile::tempdir().unwrap();
     let picture = |i: usize| crate::root().join(format!("data/storm/streaks/drop{i:02}.png"));
@@ -245,6 +248,29 @@ fn streaks_take_the_fewest_cosines_that_reach_their_psnr() {
     let record = records.iter().find(|r| r.part == "streaks").unwrap();
     assert!(record.got >= ASKED_DB, "{record:?}");
     let cheaper = record.next_cheaper.as_ref().unwrap();
-    let reached: f64 = cheaper.split(": ").nth(1).unwrap().trim_end_matches(" dB").parse().unwrap();
+    let reached: f64 = cheaper.split(": ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!(reached < ASKED_DB, "{cheaper}");
+}
+
+#[test]
+fn streaks_take_the_method_with_the_fewest_bytes_where_none_is_named() {
+    let file = crate::root().join("data/storm/streaks/drop10.png");
+    let picture = read_grey(&file).unwrap();
+    let source = Source { file: &file, picture: &picture, notes: None };
+    for asked in [18.0, 24.0, 29.0] {
+        let any = choose_pattern(&source, &METHODS, asked).unwrap();
+        let bytes = stored_bytes(&any.pattern);
+        assert!(any.pattern.psnr_db >= asked);
+        assert!(any.cheaper.is_none_or(|one| one.psnr_db < asked && stored_bytes(&one) < bytes));
+        // Each method alone, as far as it goes.
+        for method in METHODS {
+            let Ok(alone) = choose_pattern(&source, &[method], asked) else { continue };
+            println!(
+                "{asked} dB: {} takes {} bytes, {bytes} chosen",
+                method.name(),
+                stored_bytes(&alone.pattern)
+            );
+            assert!(bytes <= stored_bytes(&alone.pattern));
+        }
+    }
 }

@@ -287,11 +287,10 @@ pub fn choose(
     choice.spacing_m = best.spacing_m;
     choice.settings.channels = best.channels;
     choice.settings.relative_error = best.error;
-    // In the measure that was asked for.
-    let only_codec = clouds.budget.relit_l2.is_some() && clouds.budget.stroke_l2.is_none();
+    // In the measures that were asked for, the one that is nearest to what was asked.
     let error = |tried: &&Tried| {
         let verdict = tried.outcome.verdict;
-        if only_codec { verdict.codec.l2 } else { verdict.stroke.l2 }
+        if clouds.budget.errors() { clouds.budget.over(&verdict) } else { verdict.stroke.l2 }
     };
     let bytes = |tried: &&Tried| tried.outcome.bytes;
     let better = search.tried.iter().filter(|t| error(t) < error(&&best) && bytes(t) > bytes(&&best));

@@ -11,7 +11,7 @@ use crate::trial::Trial;
 use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
 use squall_runtime::relight::LampPoint;
 
-const L2: &str = "stroke L2 over 26 directions";
+const L2: &str = "stroke L2, all light";
 const MEDIAN: &str = "stroke, median pointwise";
 const LAMPS: &str = "lamps";
 const BYTES: &str = "response, bytes";
@@ -49,6 +49,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     if strokes.is_empty() {
         return Ok(Vec::new());
     }
+    let views = if scene.settings.eyes.is_some() { "towards the recipe's eyes" } else { "in 26 directions" };
     progress.begin("chart lightning-grid", (kinds.len() * (steps.len() + 1)) as u64);
     let mut points = Vec::new();
     for (series, direct, channels, codec) in kinds {
@@ -74,7 +75,11 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             points.push(Point {
                 series: series.into(),
                 setting: format!("{:.0} m apart, {} lamps", scene.spacing_m * step, trial.lamps),
-                truth: format!("{}: {} unseen strokes, each solved directly", scene.words, strokes.len()),
+                truth: format!(
+                    "{}: {} unseen strokes, each solved directly, {views}",
+                    scene.words,
+                    strokes.len()
+                ),
                 errors: vec![(L2, outcome.verdict.stroke.l2), (MEDIAN, outcome.verdict.stroke.median)],
                 costs: vec![
                     (LAMPS, Cost::exact(trial.lamps as f64)),

@@ -331,7 +331,8 @@ impl RainFile {
         let psnr_db = source.budget("rain.streaks.psnr_db", &streaks.psnr_db, [1.0, 80.0], "dB")?;
         // What is said outright overrides the budget.
         let psnr_db = psnr_db.filter(|_| streaks.cosines.is_none());
-        Ok(Rain { pictures, fit: FitSettings { method, cosines }, psnr_db, density: spec })
+        let method_given = streaks.method.is_some();
+        Ok(Rain { pictures, fit: FitSettings { method, cosines }, psnr_db, method_given, density: spec })
     }
 }
 

@@ -312,8 +312,9 @@ fn report(
     let [seen, cells] = cells_seen(&baked.head);
     if seen < cells {
         let (chosen, got) = (format!("{seen} of {cells} cells hold light"), seen as f64 / cells as f64);
-        let metric = "share of cells that an eye of the recipe can shade with";
-        add("cells", metric, None, got, &chosen, false);
+        let eyes = if baked.head.eyes.is_some() { "an eye of the recipe" } else { "any eye" };
+        let metric = format!("share of cells that {eyes} can shade with");
+        add("cells", &metric, None, got, &chosen, false);
     }
     report_solver(baked, choice, provenance);
 }

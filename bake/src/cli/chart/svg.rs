@@ -6,6 +6,7 @@ use plotters::coord::combinators::BindKeyPoints;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::coord::{Shift, cartesian::Cartesian2d};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 use squall_bake::chart::{Row, rises};
 use std::fmt::Write;
 
@@ -293,13 +294,21 @@ where
     Ok(())
 }
 
+/// Width of a letter of a point's name, px, about.
+const NAME_PX: f64 = 6.2;
+
 fn name_point<X, Y>(text: &str, at: (f64, f64), area: &Plot<'_, X, Y>) -> anyhow::Result<()>
 where
     X: Ranged<ValueType = f64>,
     Y: Ranged<ValueType = f64>,
 {
     let style = ("sans-serif", 12).into_font().color(&INK);
-    let element = EmptyElement::at(at) + Text::new(text.to_owned(), (10, -14), style);
+    let width = (NAME_PX * text.chars().count() as f64) as i32;
+    // Where it would run out of the panel to the right it stands to the left.
+    let right = area.map_coordinate(&at).0 + 10 + width > area.get_x_axis_pixel_range().end;
+    let (offset, side) = if right { (-10, HPos::Right) } else { (10, HPos::Left) };
+    let style = style.pos(Pos::new(side, VPos::Top));
+    let element = EmptyElement::at(at) + Text::new(text.to_owned(), (offset, -14), style);
     area.draw(&element).map_err(|error| anyhow::anyhow!("{error:?}"))
 }
 
