@@ -79,7 +79,7 @@ fn main() {
         black_box(relighter.relight(stroke, RelightOptions::default(), &mut buffers).unwrap());
     });
     line("relight", warm);
-    let counted = cost::relight_ms(&relighter, stroke, &mut buffers).unwrap();
+    let counted = cost::stroke_ms(&relighter, stroke, &mut buffers).unwrap();
     println!("{:<46} {counted:>8.3} ms", "relight, as budgets count it");
 
     let memory = vec![1u64; 8 << 20];

@@ -3,7 +3,7 @@
 //! A part's distance is its own error measure, with the second asset in the place of the truth.
 
 use crate::error::BakeError;
-use crate::response::judge::{Views, test_strokes};
+use crate::response::judge::{ViewFactors, Views, test_strokes};
 use crate::streak::{draw, quality};
 use serde::Serialize;
 use squall_formats::Tag;
@@ -19,7 +19,7 @@ use squall_formats::section::streak::StreakSection;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
 use squall_runtime::Asset;
 use squall_runtime::density::lookup_counts;
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, eye_frame};
 use squall_runtime::stroke::Stroke;
 
 /// Everything that differs between assets A and B; nothing where they are the same.
@@ -230,10 +230,12 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         found.cannot(tag, "rows that hold other parts of the light");
         return Ok(());
     }
-    let Some(views) = common_views(&x, &r) else {
-        found.cannot(tag, "clouds baked for eyes in boxes that do not meet");
-        return Ok(());
+    let Some(views) = common_views(&x, &r, found) else { return Ok(()) };
+    let head = |relighter: &Relighter<'_>| {
+        let frame = relighter.eyes().map(|eyes| eye_frame(eyes, relighter.cloud()));
+        views.factors(relighter.response().head.channels, frame.as_ref())
     };
+    let factors = [head(&x), head(&r)];
     let both = |lamp: &LampPoint| x.reaches(lamp.position) && r.reaches(lamp.position);
     let mut strokes: Vec<Vec<LampPoint>> = Vec::new();
     for asset in [a, b] {
@@ -257,12 +259,11 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     }
     let (mut square, mut tail, mut median) = (0.0, 0.0f64, 0.0f64);
     for lamps in &strokes {
-        let light = |relighter: &Relighter<'_>| -> Result<Vec<f32>, BakeError> {
+        let light = |relighter: &Relighter<'_>, factors: &ViewFactors| -> Result<Vec<f32>, BakeError> {
             let mut buffers = RelightBuffers::default();
-            let relit = relighter.relight(lamps, RelightOptions::default(), &mut buffers)?;
-            Ok(views.light(&relit, &views.factors(relit.basis, relit.frame.as_ref())))
+            Ok(views.light(&relighter.relight(lamps, RelightOptions::default(), &mut buffers)?, factors))
         };
-        let error = views.compare(&light(&x)?, &light(&r)?);
+        let error = views.compare(&light(&x, &factors[0])?, &light(&r, &factors[1])?);
         square += error.l2 * error.l2;
         tail = tail.max(error.tail);
         median = median.max(error.median);
@@ -274,9 +275,14 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     Ok(())
 }
 
-/// Views of the cells that both assets know, in the 26 directions or towards eyes in the boxes of either; `None` where those do not
-/// meet.
-fn common_views(x: &Relighter<'_>, r: &Relighter<'_>) -> Option<Views> {
+/// Views of the cells that both assets know, in the 26 directions or towards eyes in the boxes of either. Where they differ in either,
+/// that is said; `None` where nothing is left to compare.
+fn common_views(x: &Relighter<'_>, r: &Relighter<'_>, found: &mut Difference) -> Option<Views> {
+    let tag = ResponseSection::TAG;
+    let words = |eyes: Option<&EyeBox>| match eyes {
+        Some(EyeBox { low_m, high_m }) => format!("eyes between {low_m:?} and {high_m:?} m"),
+        None => "eyes anywhere".to_owned(),
+    };
     let eyes = match (x.eyes(), r.eyes()) {
         (Some(x), Some(r)) => Some(EyeBox {
             low_m: std::array::from_fn(|axis| x.low_m[axis].max(r.low_m[axis])),
@@ -284,9 +290,21 @@ fn common_views(x: &Relighter<'_>, r: &Relighter<'_>) -> Option<Views> {
         }),
         (x, r) => x.or(r).copied(),
     };
-    let meets = |eyes: &EyeBox| (0..3).all(|axis| eyes.low_m[axis] <= eyes.high_m[axis]);
-    let known = |cell: usize| [x, r].iter().all(|relighter| relighter.response().head.sees(cell));
-    eyes.as_ref().is_none_or(meets).then(|| Views::new(x.cloud(), eyes.as_ref(), 0, known))
+    if x.eyes() != r.eyes() {
+        found.cannot(tag, format!("baked for {} beside {}", words(x.eyes()), words(r.eyes())));
+    }
+    if eyes.is_some_and(|eyes| (0..3).any(|axis| eyes.low_m[axis] > eyes.high_m[axis])) {
+        found.cannot(tag, "boxes of eyes that do not meet");
+        return None;
+    }
+    let [known_x, known_r] = [x.known_cells(), r.known_cells()];
+    let both: Vec<bool> = known_x.iter().zip(&known_r).map(|(x, r)| *x && *r).collect();
+    let count = |cells: &[bool]| cells.iter().filter(|&&known| known).count();
+    if known_x != known_r {
+        let [x, r, common] = [count(&known_x), count(&known_r), count(&both)];
+        found.cannot(tag, format!("light in {x} cells beside {r}; compared in the {common} of both"));
+    }
+    both.contains(&true).then(|| Views::new(x.cloud(), eyes.as_ref(), 0, |cell| both[cell]))
 }
 
 fn compare_streaks(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {

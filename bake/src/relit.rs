@@ -179,7 +179,8 @@ pub fn relight(
         }
         let bare = LitCells { rows: Relit { planes: &bare, ..rows }, direct: Vec::new(), ..lit };
         // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
-        let known_in = |cell: usize, value: f32| if head.sees(cell) { value } else { 0.0 };
+        let known_cells = relighter.known_cells();
+        let known_in = |cell: usize, value: f32| if known_cells[cell] { value } else { 0.0 };
         let scattered =
             (0..cloud.shape.len()).map(|cell| known_in(cell, bare.fluence(cell) + known.forward[cell]));
         fields.phi_scattered = scattered.collect::<Vec<f32>>().into();
@@ -190,8 +191,8 @@ pub fn relight(
             j.iter_mut().enumerate().for_each(|(cell, value)| *value = known_in(cell, *value));
             fields.towards.push((name.to_owned(), j.into()));
         }
-        if head.seen.is_some() {
-            let seen = (0..cloud.shape.len()).map(|cell| f32::from(u8::from(head.sees(cell))));
+        if known_cells.contains(&false) {
+            let seen = known_cells.iter().map(|&known| f32::from(u8::from(known)));
             fields.seen = Some(seen.collect::<Vec<f32>>().into());
         }
     }

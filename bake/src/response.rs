@@ -5,6 +5,7 @@
 //! with the same solver, they say what splitting a stroke over lamps costs; relit from the very bytes that ship, they say
 //! what compression costs.
 
+mod context;
 pub mod directions;
 pub mod eyes;
 pub mod judge;
@@ -15,31 +16,24 @@ pub mod unseen;
 use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
+use context::{Batch, Context, Work};
 pub use directions::{add_direct, in_26_directions};
-use eyes::EyeMap;
 use glam::DVec3;
 pub use lamps::{LampGrid, LampSpacing, lamp_grid};
 use rayon::prelude::*;
 pub use solved::SolvedRows;
 use solved::TowardsEyes;
 use squall_formats::eyes::EyeBox;
-use squall_formats::haar::Haar;
 use squall_formats::section::response::{
     ChannelBasis, Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
     SolverRecord, SourceBasis, pack_seen,
 };
-use squall_formats::sphere::{self, MAX_HARMONICS, degree_of};
 use squall_runtime::relight::LampPoint;
 use squall_runtime::transport::Cloud;
-use squall_runtime::transport::cloud::CoarseIndex;
-use squall_runtime::transport::direct::{DirectField, Light, Tracer};
-use squall_runtime::transport::lanes::{F32x16, Lanes};
+use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{
-    BatchReport, GATHERED, Solvable, SolveBuffers, SolveSettings, Solver,
-};
+use squall_runtime::transport::solve::{SolveSettings, Solver};
 use std::sync::Arc;
-use unseen::Unseen;
 
 /// What polynomials towards eyes are made from.
 const SOLVED: ChannelBasis = ChannelBasis::Harmonics { degree: 3 };
@@ -52,7 +46,7 @@ const BATCHES_AT_ONCE: usize = 16;
 /// How to bake a response.
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseSettings {
-    /// Directions or harmonics.
+    /// Directions, harmonics, or polynomials towards eyes.
     pub channels: ChannelBasis,
     /// Direct light in the rows or left to the runtime.
     pub direct: DirectTerm,
@@ -104,15 +98,13 @@ pub struct TestStroke {
     pub truth: Vec<f32>,
     /// The part of that which the runtime adds itself: direct light with [`DirectTerm::AtRunTime`], else zero.
     pub direct: Vec<f32>,
+    /// J of direct light, cell means, towards the middle of the eyes' box; empty without eyes. It is what stroke errors towards eyes are
+    /// relative to, beside what was scattered: 26 directions are too few to read a narrow phase function between.
+    pub direct_to_eyes: Vec<f32>,
     /// Σ e_l b_l from the solved rows before compression, in the response's channels, one plane a channel.
     pub uncompressed: Vec<f32>,
     /// Which cells are judged; all where empty.
     pub seen: Arc<[bool]>,
-}
-
-struct Batch<R> {
-    report: BatchReport,
-    rows: Vec<(R, Option<Vec<f32>>)>,
 }
 
 /// Bakes the rows of all wanted nodes, and behind them those of distant light.
@@ -158,7 +150,7 @@ pub fn solve_rows(
         solve_each_row(cloud, sources, settings, tests, progress, (&keep, &mut |row| planes.push(row)))?;
     let (head, tests, sweeps) = solved;
     let towards = match (settings.channels, &settings.eyes) {
-        (SOLVED, Some(eyes)) => Some(TowardsEyes::new(cloud, eyes, settings.seen_only)),
+        (SOLVED, Some(eyes)) => Some(TowardsEyes::new(cloud, eyes, &head)),
         _ => None,
     };
     Ok(SolvedRows { head, planes, tests, sweeps, towards })
@@ -190,27 +182,15 @@ fn solve_each_row<R: Send>(
     let factors = [settings.refine; 3];
     let fine = cloud.refined(factors)?;
     let solver = Solver::<4>::new(&fine, settings.solve)?;
-    let parent = CoarseIndex::new(fine.shape, factors);
-    let context = Context {
-        settings,
-        tracer: Tracer::new(&fine, solver.scaled().extinction_scale),
-        fine: &fine,
-        solver: &solver,
-        parent,
-        haar: Haar::new(cloud.shape),
-        unseen: if settings.seen_only { Unseen::new(cloud, settings.eyes.as_ref()) } else { None },
-        eye_map: match (settings.channels, &settings.eyes) {
-            (ChannelBasis::Eyes { degree }, Some(eyes)) => Some(EyeMap::new(cloud, eyes, degree)),
-            _ => None,
-        },
-        directions: sphere::directions_26().map(DVec3::from_array),
-    };
-    if context.unseen.as_ref().is_some_and(|unseen| !unseen.seen().contains(&true)) {
+    let context = Context::new(cloud, &fine, &solver, settings);
+    // A grid without density has nothing to see for anyone; one with some is not to be hidden from all eyes.
+    let hidden = context.unseen.as_ref().is_some_and(|unseen| !unseen.seen().contains(&true));
+    if hidden && cloud.extinction.iter().any(|&extinction| extinction > 0.0) {
         return Err(BakeError::NotReached {
             what: "the cloud's response".into(),
             wanted: "cells that an eye can see".into(),
             reached: "none".into(),
-            hint: "a cloud with some density, or eyes that it does not hide from".into(),
+            hint: "eyes in [clouds.eyes] that it does not hide from".into(),
         });
     }
     let grid = &sources.lamps;
@@ -345,173 +325,4 @@ fn split_stroke(head: &ResponseHead, lamps: &[LampPoint]) -> Vec<(u32, f32)> {
     squall_runtime::relight::split_lamps(head, lamps)
         .map(|weights| weights.iter().map(|w| (w.row, w.intensity)).collect())
         .unwrap_or_default()
-}
-
-struct Context<'a> {
-    settings: &'a ResponseSettings,
-    fine: &'a Cloud,
-    tracer: Tracer<'a>,
-    solver: &'a Solver<4>,
-    parent: CoarseIndex,
-    haar: Haar,
-    unseen: Option<Unseen>,
-    eye_map: Option<EyeMap>,
-    directions: [DVec3; 26],
-}
-
-#[derive(Default)]
-struct Work<P> {
-    direct: Option<DirectField<4>>,
-    sources: Vec<[P; 4]>,
-    gathered: Vec<[P; GATHERED]>,
-    buffers: SolveBuffers<P, 4>,
-    towards: Vec<Vec<f32>>,
-    scratch: Vec<f32>,
-}
-
-impl Context<'_> {
-    fn in_rows(&self) -> bool {
-        self.settings.direct == DirectTerm::InRows
-    }
-
-    /// Traces lights, one list a lane, and solves for what they scatter.
-    fn solve_lanes<P: Solvable<4>>(
-        &self,
-        lanes: &[Vec<Light>],
-        towards: bool,
-        work: &mut Work<P>,
-    ) -> Result<BatchReport, BakeError> {
-        let directions: &[DVec3] = if towards { &self.directions } else { &[] };
-        let fits = |field: &DirectField<4>| field.towards.len() == self.fine.shape.len() * directions.len();
-        let mut direct = match work.direct.take() {
-            Some(field) if fits(&field) => field,
-            _ => DirectField::new(self.fine, directions),
-        };
-        let share = 1.0 / self.fine.cell_volume() as f32;
-        work.sources.clear();
-        work.sources.resize(self.fine.shape.len(), [P::splat(0.0); 4]);
-        work.towards.clear();
-        for (lane, lights) in lanes.iter().enumerate() {
-            direct.clear();
-            for &light in lights {
-                self.tracer.rays(light, self.settings.samples, |ray| {
-                    self.tracer.trace(ray, &mut direct);
-                });
-            }
-            for (source, moments) in work.sources.iter_mut().zip(&direct.moments) {
-                for m in 0..4 {
-                    source[m].set_lane(lane, moments[m] * share);
-                }
-            }
-            if towards {
-                let coarse = self.parent.means(&direct.towards, directions.len());
-                work.towards.push(coarse.into_iter().map(|v| v * share).collect());
-            }
-        }
-        work.direct = Some(direct);
-        let report = self.solver.solve(&work.sources, &mut work.gathered, &mut work.buffers, None);
-        for (lane, lights) in report.lanes.iter().zip(lanes) {
-            if !lane.converged {
-                return Err(BakeError::NotReached {
-                    what: format!("transport of {:?}", lights.first()),
-                    wanted: format!("residual {:e}", self.settings.solve.tolerance),
-                    reached: format!("{:e} after {} sweeps", lane.residual, report.sweeps),
-                    hint: "a larger tolerance or more sweeps help".into(),
-                });
-            }
-        }
-        Ok(report)
-    }
-
-    /// J's harmonic coefficients of one lane's scattered light in the stored cells, 16 a cell.
-    fn coefficients<P: Lanes>(&self, lane: usize, work: &Work<P>) -> Vec<f32> {
-        let powers = [1.0, self.fine.g, self.fine.g * self.fine.g, self.fine.g * self.fine.g * self.fine.g];
-        let scale: [f32; MAX_HARMONICS] = std::array::from_fn(|m| powers[degree_of(m)] as f32);
-        let mut fine = Vec::with_capacity(work.gathered.len() * MAX_HARMONICS);
-        for moments in &work.gathered {
-            fine.extend((0..MAX_HARMONICS).map(|m| moments[m].lane(lane) * scale[m]));
-        }
-        if self.settings.refine == 1 { fine } else { self.parent.means(&fine, MAX_HARMONICS) }
-    }
-
-    /// One lane's channels, one plane a channel.
-    fn channels<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
-        let coefficients = self.coefficients(lane, work);
-        let cells = coefficients.len() / MAX_HARMONICS;
-        let basis = if self.eye_map.is_some() { SOLVED } else { self.settings.channels };
-        let count = basis.count();
-        let mut planes = vec![0.0f32; cells * count];
-        let directions;
-        let (values, stride): (&[f32], usize) = match basis {
-            ChannelBasis::Directions26 => {
-                directions = in_26_directions(&coefficients);
-                (&directions, 26)
-            }
-            ChannelBasis::Harmonics { .. } | ChannelBasis::Eyes { .. } => (&coefficients, MAX_HARMONICS),
-        };
-        for (cell, values) in values.chunks_exact(stride).enumerate() {
-            for channel in 0..count {
-                planes[channel * cells + cell] = values[channel];
-            }
-        }
-        if in_rows {
-            add_direct(basis, &work.towards[lane], 1.0, &mut planes);
-        }
-        match &self.eye_map {
-            Some(map) => map.apply(&planes),
-            None => planes,
-        }
-    }
-
-    fn solve_batch<R>(
-        &self,
-        lanes: &[Vec<Light>],
-        in_rows: bool,
-        needed: impl Fn(usize) -> bool,
-        finish: &(dyn Fn(Vec<f32>) -> R + Sync),
-        work: &mut Work<F32x16>,
-    ) -> Result<Batch<R>, BakeError> {
-        let report = self.solve_lanes(lanes, in_rows, work)?;
-        let mut rows = Vec::with_capacity(lanes.len());
-        for lane in 0..lanes.len() {
-            let mut planes = self.channels(lane, in_rows, work);
-            if let Some(unseen) = &self.unseen {
-                planes.chunks_exact_mut(self.haar.len()).for_each(|plane| unseen.fill(plane));
-            }
-            let kept = needed(lane).then(|| planes.clone());
-            for plane in planes.chunks_exact_mut(self.haar.len()) {
-                self.haar.forward(plane, &mut work.scratch);
-            }
-            rows.push((finish(planes), kept));
-        }
-        Ok(Batch { report, rows })
-    }
-
-    fn solve_strokes(
-        &self,
-        strokes: &[Vec<LampPoint>],
-        progress: &dyn Progress,
-    ) -> Result<Vec<TestStroke>, BakeError> {
-        let seen: Arc<[bool]> = self.unseen.as_ref().map_or_else(Default::default, |u| u.seen().into());
-        // One stroke a task: tracing its many points is most of the work.
-        let solved: Vec<Result<TestStroke, BakeError>> = strokes
-            .par_iter()
-            .map_init(Work::<f32>::default, |work, lamps| {
-                progress.check()?;
-                let light = |l: &LampPoint| Light::Point { position: l.position, intensity: l.intensity };
-                let lights: Vec<Light> = lamps.iter().map(light).collect();
-                self.solve_lanes(&[lights], true, work)?;
-                let mut truth = in_26_directions(&self.coefficients(0, work));
-                let direct = std::mem::take(&mut work.towards[0]);
-                for (sum, value) in truth.iter_mut().zip(&direct) {
-                    *sum += value;
-                }
-                progress.advance(1);
-                let direct = if self.in_rows() { vec![0.0; direct.len()] } else { direct };
-                let seen = seen.clone();
-                Ok(TestStroke { lamps: lamps.clone(), truth, direct, uncompressed: Vec::new(), seen })
-            })
-            .collect();
-        solved.into_iter().collect()
-    }
 }

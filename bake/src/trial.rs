@@ -3,11 +3,11 @@
 //! Budgets choose by these figures and charts show them. Everything here is a function of the inputs; nothing looks at a clock.
 
 use crate::budget::clouds::STROKES;
-use crate::budget::cost::most_relight_ms;
+use crate::budget::cost;
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::recipe::Recipe;
-use crate::response::judge::{Judge, Verdict};
+use crate::response::judge::{Jury, Verdict};
 use crate::response::{
     BakedResponse, LampGrid, ResponseSettings, SolvedRows, Sources, TestStroke, solve_rows,
 };
@@ -53,11 +53,22 @@ pub fn asset_of(cloud: &Cloud, baked: BakedResponse) -> Result<(Asset, u64), Bak
 pub struct Trial<'a> {
     cloud: &'a Cloud,
     solved: SolvedRows,
-    judge: Judge,
+    jury: Jury,
     /// Lamps that a bake of this grid would solve for.
     pub lamps: usize,
     /// Rows of distant light beside them.
     distant: usize,
+    /// Most rows that a stroke or the scene relights at once.
+    most_rows: usize,
+}
+
+/// What a whole response has beside the rows that a trial solves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Whole<'a> {
+    /// Rows of distant light.
+    pub distant: usize,
+    /// What the scene relights at once: [`cost::flashes`].
+    pub flashes: &'a [Vec<LampPoint>],
 }
 
 /// What coding a trial's rows in one way gives.
@@ -78,17 +89,18 @@ impl<'a> Trial<'a> {
     pub fn new(
         cloud: &'a Cloud,
         lamps: &LampGrid,
-        distant: usize,
+        whole: Whole<'_>,
         settings: &ResponseSettings,
         (strokes, known): (&[Vec<LampPoint>], Option<&[TestStroke]>),
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
-        let touched = touched(lamps, strokes);
-        let wanted = lamps.wanted_count();
-        let sources = Sources { lamps: LampGrid { wanted: touched, ..lamps.clone() }, distant: Vec::new() };
+        let wanted = touched(lamps, strokes);
+        let sources = Sources { lamps: LampGrid { wanted, ..lamps.clone() }, distant: Vec::new() };
         let solved = solve_rows(cloud, &sources, settings, strokes, known, progress)?;
-        let judge = Judge::new(cloud, settings.eyes.as_ref(), settings.direct, &solved.tests, 0);
-        Ok(Self { cloud, solved, judge, lamps: wanted, distant })
+        let jury = Jury::new(cloud, settings.eyes.as_ref(), settings.direct, &solved.tests, 0);
+        let rows = |stroke: &Vec<LampPoint>| count(&touched(lamps, std::slice::from_ref(stroke)));
+        let most_rows = strokes.iter().chain(whole.flashes).map(rows).max().unwrap_or(0);
+        Ok(Self { cloud, solved, jury, lamps: lamps.wanted_count(), distant: whole.distant, most_rows })
     }
 
     /// Codes the rows.
@@ -106,8 +118,10 @@ impl<'a> Trial<'a> {
         let head = meta::encode(&coded.head).len() as u64;
         let (asset, bytes) = asset_of(self.cloud, coded)?;
         let relighter = Relighter::new(&asset)?;
-        let verdict = self.judge.verdict(&relighter, &tests)?;
-        let relight_ms = most_relight_ms(&relighter, tests.iter().map(|test| test.lamps.as_slice()))?;
+        let verdict = self.jury.verdict(&relighter, &tests)?;
+        let head_now = &relighter.response().head;
+        let row_bytes = bytes.saturating_sub(head) as f64 / tried as f64;
+        let relight_ms = cost::relight_ms(head_now, row_bytes * self.most_rows as f64);
         let rows = (self.lamps + self.distant) as u64;
         let bytes = head + bytes.saturating_sub(head) * rows / tried as u64;
         Ok(Outcome { verdict, bytes, relight_ms })

@@ -133,6 +133,16 @@ impl<'a> Relighter<'a> {
         self.response.head.eyes.as_ref()
     }
 
+    /// Cells whose light means something.
+    pub fn known_cells(&self) -> Vec<bool> {
+        let head = &self.response.head;
+        // Version 1 does not say: whoever baked may have left out what no ray shades with.
+        if self.response.version == 1 {
+            return self.cloud.shaded();
+        }
+        (0..self.cloud.shape.len()).map(|cell| head.sees(cell)).collect()
+    }
+
     /// Whether the light holds for what `camera` sees.
     ///
     /// Errors: its eye is outside the box that the asset was baked for; an orthographic camera has no eye and is outside of any.

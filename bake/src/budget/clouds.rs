@@ -2,10 +2,10 @@
 //!
 //! Candidates are tried on strokes of their own, never on those that judge the result: each spacing's rows that those strokes
 //! touch are solved once, coded in several ways and relit from bytes. The cost is the response's bytes, estimated from the
-//! tried rows; what a row takes differs little from lamp to lamp.
+//! tried rows; what a row takes differs little from lamp to lamp. Budgets of bytes and of milliseconds ([`super::cost`]) bound it.
 
-use super::SAFETY;
-use super::solver::choose_solver;
+use super::solver::{self, choose_solver};
+use super::{SAFETY, cost};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
 use crate::recipe::{Clouds, Recipe};
@@ -13,7 +13,7 @@ use crate::response::eyes::stand_apart;
 use crate::response::judge::Verdict;
 use crate::response::{ResponseSettings, TestStroke};
 use crate::storm::clouds::{place_lamps, reach_of, strokes_for};
-use crate::trial::{Outcome, Trial};
+use crate::trial::{Outcome, Trial, Whole};
 use squall_formats::eyes::MAX_EYE_DEGREE;
 use squall_formats::section::provenance::BudgetRecord;
 use squall_formats::section::response::{ChannelBasis, DirectTerm};
@@ -23,7 +23,7 @@ use squall_runtime::transport::Cloud;
 /// What a recipe asks of its clouds; nothing where a field is `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CloudBudget {
-    /// L2 error of an unseen stroke over 26 directions, all light, against the stroke solved directly.
+    /// L2 error of an unseen stroke, all light, against the stroke solved directly: in the 26 directions, or towards unseen eyes.
     pub stroke_l2: Option<f64>,
     /// L2 error of an unseen stroke's rows, against the same rows before coding.
     pub relit_l2: Option<f64>,
@@ -128,7 +128,7 @@ impl Tried {
         let (stroke, codec) = (100.0 * verdict.stroke.l2, 100.0 * verdict.codec.l2);
         let megabytes = bytes as f64 / 1e6;
         format!(
-            "{setting}: stroke L2 {stroke:.2} %, relit L2 {codec:.2} %, {megabytes:.3} MB, counts for {relight_ms:.2} ms"
+            "{setting}: stroke L2 {stroke:.2} %, relit L2 {codec:.2} %, {megabytes:.3} MB, counts for {relight_ms:.3} ms"
         )
     }
 }
@@ -140,6 +140,8 @@ fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
 
 /// Strokes that candidates are tried on: as many as memory has room for, between these.
 pub const STROKES: [usize; 2] = [4, 32];
+/// Number of the first stroke that judges what was chosen of the solver: no others reach so far.
+const SOLVER_STROKES: usize = 1 << 16;
 /// The coarsest spacing is the reach's longest side over this; each next is finer by √2.
 const COARSEST: f64 = 2.0;
 const SPACINGS: usize = 14;
@@ -162,7 +164,7 @@ pub struct Margins {
 
 /// Chooses what the recipe leaves open.
 ///
-/// Errors: a budget that no candidate meets, with the best; a solve that does not converge; an interruption.
+/// Errors: channels towards eyes that stand too near; a budget that no candidate meets, with the best; a solve that does not converge; an interruption.
 pub fn choose(
     recipe: &Recipe,
     clouds: &Clouds,
@@ -170,6 +172,14 @@ pub fn choose(
     margins: Margins,
     progress: &dyn Progress,
 ) -> Result<Choice, BakeError> {
+    if let (ChannelBasis::Eyes { .. }, Some(eyes)) = (clouds.response.channels, &clouds.response.eyes)
+        && !stand_apart(cloud, eyes)
+    {
+        let wanted =
+            "harmonics: the box of [clouds.eyes] is too near the cloud, or the cloud repeats without end";
+        let found = format!("channels towards eyes between {:?} and {:?} m", eyes.low_m, eyes.high_m);
+        return Err(BakeError::input(&recipe.file, "clouds.response.channels", wanted, found));
+    }
     let mut choice = Choice {
         spacing_m: clouds.lamps.spacing_m,
         settings: clouds.response,
@@ -200,13 +210,16 @@ pub fn choose(
     };
     if let (Some(asked), false) = (clouds.budget.solver_l2, clouds.given.solver) {
         let lamps = place_lamps(recipe, clouds, cloud, choice.spacing_m)?;
-        let unseen = STROKES[1]..STROKES[1] + clouds.test_strokes as usize;
-        let unseen = strokes_for(recipe, clouds, cloud, &lamps, choice.spacing_m, unseen);
-        let both = [strokes(choice.spacing_m)?, unseen];
-        let (settings, record, tried) = choose_solver(cloud, &choice.settings, &both, asked, progress)?;
-        choice.settings = settings;
-        choice.solver = Some(record);
-        choice.tried += tried;
+        // Each time that the chosen is judged by others, which judge nothing else.
+        let unseen = |round: usize| {
+            let first = SOLVER_STROKES + round * solver::STROKES;
+            strokes_for(recipe, clouds, cloud, &lamps, choice.spacing_m, first..first + solver::STROKES)
+        };
+        let tried_on = strokes(choice.spacing_m)?;
+        let found = choose_solver(cloud, &choice.settings, (&tried_on, &unseen), asked, progress)?;
+        choice.settings = found.settings;
+        choice.solver = Some(found.record);
+        choice.tried += found.tried;
     }
     if !clouds.budget.chooses() {
         return Ok(choice);
@@ -226,6 +239,7 @@ pub fn choose(
     };
     progress.begin("budgets", spacings.len() as u64);
     let mut full = false;
+    let flashes = cost::flashes(recipe);
     // Strokes that do not depend on the spacing are solved once.
     let mut solved: Option<Vec<TestStroke>> = None;
     // The best candidate at one spacing; none where its rows would take too much memory either.
@@ -248,8 +262,8 @@ pub fn choose(
         let settings = ResponseSettings { channels: widest, ..choice.settings };
         let same = solved.as_ref().filter(|tests| tests.iter().map(|t| &t.lamps).eq(strokes.iter()));
         let known = same.map(Vec::as_slice);
-        let distant = clouds.distant.len();
-        let trial = Trial::new(cloud, &lamps, distant, &settings, (&strokes, known), &Quiet)?;
+        let whole = Whole { distant: clouds.distant.len(), flashes: &flashes };
+        let trial = Trial::new(cloud, &lamps, whole, &settings, (&strokes, known), &Quiet)?;
         solved = Some(trial.tests());
         progress.advance(1);
         search.at(spacing_m, &trial)
@@ -292,10 +306,13 @@ pub fn choose(
         let verdict = tried.outcome.verdict;
         if clouds.budget.errors() { clouds.budget.over(&verdict) } else { verdict.stroke.l2 }
     };
-    let bytes = |tried: &&Tried| tried.outcome.bytes;
-    let better = search.tried.iter().filter(|t| error(t) < error(&&best) && bytes(t) > bytes(&&best));
-    choice.next_better = better.min_by_key(bytes).map(Tried::words);
-    let cheaper = search.tried.iter().filter(|t| bytes(t) < bytes(&&best));
+    // In what binds: bytes, or milliseconds where those alone are asked for.
+    let in_ms =
+        clouds.budget.relight_ms.is_some() && clouds.budget.bytes.is_none() && !clouds.budget.errors();
+    let cost = |tried: &&Tried| if in_ms { tried.outcome.relight_ms } else { tried.outcome.bytes as f64 };
+    let better = search.tried.iter().filter(|t| error(t) < error(&&best) && cost(t) > cost(&&best));
+    choice.next_better = better.min_by(|a, b| cost(a).total_cmp(&cost(b))).map(Tried::words);
+    let cheaper = search.tried.iter().filter(|t| cost(t) < cost(&&best));
     choice.next_cheaper = cheaper.min_by(|a, b| error(a).total_cmp(&error(b))).map(Tried::words);
     Ok(choice)
 }
@@ -405,6 +422,9 @@ impl Search<'_> {
         }
         if budget.relight_ms.is_some() {
             hints.push("allow more milliseconds".into());
+        }
+        if self.clouds.response.eyes.is_none() {
+            hints.push("say in [clouds.eyes] where it is looked at from".into());
         }
         hints.push("ask for less".into());
         BakeError::NotReached {

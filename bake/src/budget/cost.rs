@@ -1,46 +1,78 @@
 //! What relighting a stroke costs, as a count: budgets in milliseconds are held to this, never to a clock, so that the same recipe
 //! gives the same asset on a busy machine and on an idle one.
 //!
-//! Two things take the time: adding the coefficients of the rows that the stroke touches, which goes with their bytes, and
-//! transforming every channel back, which goes with cells times channels. The prices are those of one core at some 3 GHz; `cargo
+//! Two things take the time: adding the coefficients of the rows that the stroke touches, which goes with their number, and
+//! transforming every channel back, which goes with cells times channels. What a picture does with the light is not in it: light
+//! straight from the stroke, reading towards the eye, following rays. The prices are those of one core at some 3 GHz; `cargo
 //! bench -p squall-bake --bench relight` prints the count beside the clock of the machine at hand.
 
 use crate::error::BakeError;
-use squall_runtime::relight::{LampPoint, RelightBuffers, Relighter};
+use crate::recipe::Recipe;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::response::{Codec, ResponseHead};
+use squall_runtime::relight::{LampPoint, RelightBuffers, Relighter, SourceWeight};
+use squall_runtime::stroke::Stroke;
 
-/// Adding a byte of a row: a pair of gap and value takes some 3 ns, a scattered addition.
-const NS_PER_BYTE: f64 = 1.6;
+/// Adding a coefficient of a row, a scattered addition.
+const NS_PER_COEFFICIENT: f64 = 3.2;
 /// Clearing and transforming a cell of a channel.
 const NS_PER_CELL: f64 = 3.0;
+
+/// Bytes that a coefficient takes, nearly: a pair of gap and value, or of index and value.
+fn bytes_each(codec: Codec) -> f64 {
+    match codec {
+        Codec::Bytes => 2.0,
+        Codec::Paper => 8.0,
+    }
+}
+
+/// Milliseconds that relighting from rows of `bytes` bytes in all counts for.
+pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
+    let cells = head.shape.len() * head.channels.count();
+    let coefficients = bytes / bytes_each(head.codec);
+    1e-6 * (NS_PER_COEFFICIENT * coefficients + NS_PER_CELL * cells as f64)
+}
 
 /// Milliseconds that relighting `lamps` counts for.
 ///
 /// Errors: a lamp outside the baked reach.
-pub fn relight_ms(
+pub fn stroke_ms(
     relighter: &Relighter<'_>,
     lamps: &[LampPoint],
     buffers: &mut RelightBuffers,
 ) -> Result<f64, BakeError> {
     let response = relighter.response();
-    let mut bytes = 0u64;
-    for weight in relighter.weigh(lamps, buffers)? {
-        bytes += u64::from(response.index[weight.row as usize].length);
-    }
-    let cells = response.head.shape.len() * response.head.channels.count();
-    Ok(1e-6 * (NS_PER_BYTE * bytes as f64 + NS_PER_CELL * cells as f64))
+    let length = |weight: &SourceWeight| f64::from(response.index[weight.row as usize].length);
+    let bytes = relighter.weigh(lamps, buffers)?.iter().map(length).sum();
+    Ok(relight_ms(&response.head, bytes))
 }
 
-/// The most that any of `strokes` counts for.
+/// What a scene relights at once: each of its strokes, and all that flash together in its own picture and in one colour.
+pub fn flashes(recipe: &Recipe) -> Vec<Vec<LampPoint>> {
+    let lamps = |record: &StrokeRecord| Stroke::grow(record).lamps(0.0);
+    let mut all: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(lamps).collect();
+    let shown = recipe.view.iter().flat_map(|view| &view.flashes);
+    let shown: Vec<&StrokeRecord> =
+        shown.filter_map(|flash| recipe.strokes.iter().find(|record| record.name == flash.stroke)).collect();
+    for group in shown.chunk_by(|a, b| a.color == b.color).filter(|group| group.len() > 1) {
+        all.push(group.iter().flat_map(|record| lamps(record)).collect());
+    }
+    all
+}
+
+/// The most that any of `strokes` counts for; points outside the baked reach are left out.
 ///
-/// Errors: as [`relight_ms`].
-pub fn most_relight_ms<'a>(
+/// Errors: a point that is not finite.
+pub fn most_ms<'a>(
     relighter: &Relighter<'_>,
     strokes: impl Iterator<Item = &'a [LampPoint]>,
 ) -> Result<f64, BakeError> {
     let mut buffers = RelightBuffers::default();
     let mut most = 0.0f64;
     for lamps in strokes {
-        most = most.max(relight_ms(relighter, lamps, &mut buffers)?);
+        let reached: Vec<LampPoint> =
+            lamps.iter().filter(|lamp| relighter.reaches(lamp.position)).copied().collect();
+        most = most.max(stroke_ms(relighter, &reached, &mut buffers)?);
     }
     Ok(most)
 }

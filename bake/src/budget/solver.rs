@@ -3,9 +3,9 @@
 
 use super::SAFETY;
 use crate::error::BakeError;
-use crate::progress::Progress;
-use crate::response::judge::compare;
-use crate::response::{ResponseSettings, solve_tests};
+use crate::progress::{Progress, Quiet};
+use crate::response::judge::Views;
+use crate::response::{ResponseSettings, TestStroke, solve_tests};
 use squall_formats::section::provenance::BudgetRecord;
 use squall_runtime::relight::LampPoint;
 use squall_runtime::transport::Cloud;
@@ -14,10 +14,14 @@ use squall_runtime::transport::solve::SolveSettings;
 
 /// Most solve cells of the finest candidate.
 const MOST_CELLS: usize = 1 << 22;
+/// Rounds of choosing and judging; after the last the finest is taken.
+const ROUNDS: usize = 4;
+/// How much further than the last figures tell a later round aims.
+const TIGHTER: f64 = 0.985;
 /// Finest refinement tried.
 const MOST_REFINEMENT: u32 = 4;
-/// Strokes that candidates are tried on.
-const STROKES: usize = 2;
+/// Strokes that candidates are tried on, and as many others that judge the chosen.
+pub const STROKES: usize = 2;
 
 const DIRECTIONS: [(&str, Quadrature); 4] = [
     ("26", Quadrature::Lebedev26),
@@ -26,20 +30,28 @@ const DIRECTIONS: [(&str, Quadrature); 4] = [
     ("4x16", Quadrature::DoubleGauss { polar: 4, azimuths: 16 }),
 ];
 
-/// Chooses refinement and directions; the settings, what to note of them, and how many were tried. The cost is sub-cells times
-/// directions: what a sweep takes.
+/// What was chosen of the solver.
+pub struct SolverChoice {
+    /// Settings with it.
+    pub settings: ResponseSettings,
+    /// What to note of it.
+    pub record: BudgetRecord,
+    /// Settings tried.
+    pub tried: usize,
+}
+
+/// Chooses refinement and directions: of those that `strokes` find near enough to the finest the cheapest, in sub-cells times
+/// directions, which is what a sweep takes. Others judge it: `unseen` gives new ones for each number. Where those find it too far
+/// off, the next round asks the first for as much less.
 ///
 /// Errors: a solve that does not converge, an interruption.
 pub fn choose_solver(
     cloud: &Cloud,
     settings: &ResponseSettings,
-    [strokes, unseen]: &[Vec<Vec<LampPoint>>; 2],
+    (strokes, unseen): (&[Vec<LampPoint>], &dyn Fn(usize) -> Vec<Vec<LampPoint>>),
     asked: f64,
     progress: &dyn Progress,
-) -> Result<(ResponseSettings, BudgetRecord, usize), BakeError> {
-    // Strokes that choose, and behind them those that judge.
-    let (few, judges) = (strokes.len().min(STROKES), unseen.len().min(STROKES));
-    let strokes: Vec<Vec<LampPoint>> = strokes[..few].iter().chain(&unseen[..judges]).cloned().collect();
+) -> Result<SolverChoice, BakeError> {
     let cells = |refine: u32| cloud.shape.len() * refine.pow(3) as usize;
     let finest = (1..=MOST_REFINEMENT).rev().find(|&r| cells(r) <= MOST_CELLS).unwrap_or(1);
     let mut candidates = Vec::new();
@@ -54,71 +66,105 @@ pub fn choose_solver(
         }
     }
     candidates.sort_by_key(|&(cost, ..)| cost);
+    let last = candidates.len() - 1;
     progress.begin("solver budget", candidates.len() as u64);
-    let solve = |refine: u32, quadrature: Quadrature| -> Result<Vec<Vec<f32>>, BakeError> {
+    let solve = |strokes: &[Vec<LampPoint>], at: usize| -> Result<Vec<TestStroke>, BakeError> {
+        let (_, refine, _, quadrature) = candidates[at];
         let solve = SolveSettings { quadrature, ..settings.solve };
         let settings = ResponseSettings { refine, solve, ..*settings };
-        let tests = solve_tests(cloud, &settings, &strokes, &crate::progress::Quiet)?;
-        progress.advance(1);
         progress.check()?;
-        Ok(tests.into_iter().map(|test| test.truth).collect())
+        solve_tests(cloud, &settings, strokes, &Quiet)
     };
-    let (_, refine, _, quadrature) = candidates[candidates.len() - 1];
-    let truth = solve(refine, quadrature)?;
-    let words = |&(cost, refine, name, _): &(usize, u32, &str, Quadrature), error: f64| {
-        format!("refinement {refine}, {name} directions: L2 {:.2} %, cost {cost} a cell", 100.0 * error)
+    // The error of each candidate, tried once, on strokes that choose.
+    let few = &strokes[..strokes.len().min(STROKES)];
+    let truth = solve(few, last)?;
+    let mut errors: Vec<Option<f64>> = vec![None; candidates.len()];
+    let mut tried_on_few = |at: usize| -> Result<f64, BakeError> {
+        if let Some(error) = errors[at] {
+            return Ok(error);
+        }
+        progress.advance(1);
+        let error = if at == last { 0.0 } else { error_of(cloud, settings, &solve(few, at)?, &truth, 0) };
+        errors[at] = Some(error);
+        Ok(error)
     };
-    let error = |found: &[Vec<f32>], range: std::ops::Range<usize>| {
-        let count = range.len().max(1) as f64;
-        let square: f64 = range.map(|at| compare(&found[at], &truth[at]).l2).map(|l2| l2 * l2).sum();
-        libm::sqrt(square / count)
-    };
-    let last = candidates.len() - 1;
-    let mut cheaper: Option<(String, f64)> = None;
-    let mut chosen = None;
-    for (at, candidate) in candidates.iter().enumerate() {
-        let (_, refine, _, quadrature) = *candidate;
-        let found = if at == last { truth.clone() } else { solve(refine, quadrature)? };
-        let tried = error(&found, 0..few);
-        let judged = if judges > 0 { error(&found, few..few + judges) } else { tried };
-        match chosen {
-            None if at == last || tried <= asked * SAFETY && judged <= asked => {
-                chosen = Some((*candidate, judged, at + 1));
-            }
-            None if cheaper.as_ref().is_none_or(|(_, best)| judged < *best) => {
-                cheaper = Some((words(candidate, judged), judged));
-            }
-            // The first that costs more and is better.
-            Some((mine, got, tried)) if judged < got => {
-                let better = Some(words(candidate, judged));
-                return Ok(finished(settings, asked, (mine, got), [better, cheaper.map(|c| c.0)], tried));
-            }
-            _ => {}
+    // Where no round is content it is the finest, the measure itself.
+    let (mut chosen, mut got) = (last, 0.0);
+    let mut goal = asked * SAFETY;
+    for round in 0..ROUNDS {
+        let mut at = 0;
+        while at < last && tried_on_few(at)? > goal {
+            at += 1;
+        }
+        let others = if at == last { Vec::new() } else { unseen(round) };
+        let judged = if others.is_empty() {
+            tried_on_few(at)?
+        } else {
+            error_of(cloud, settings, &solve(&others, at)?, &solve(&others, last)?, 1 + round as u64)
+        };
+        if judged <= asked {
+            (chosen, got) = (at, judged);
+            break;
+        }
+        goal *= TIGHTER * asked / judged;
+    }
+    // The neighbours' figures are those of the strokes that choose.
+    let mut next_better = None;
+    if chosen < last {
+        next_better = Some(words(&candidates[chosen + 1], tried_on_few(chosen + 1)?));
+    }
+    let mut cheaper: Option<(usize, f64)> = None;
+    for at in 0..chosen {
+        let error = tried_on_few(at)?;
+        if cheaper.is_none_or(|(_, best)| error < best) {
+            cheaper = Some((at, error));
         }
     }
-    let (mine, got, tried) = chosen.unwrap_or((candidates[last], 0.0, candidates.len()));
-    Ok(finished(settings, asked, (mine, got), [None, cheaper.map(|c| c.0)], tried))
+    let neighbours = [next_better, cheaper.map(|(at, error)| words(&candidates[at], error))];
+    let record = record(asked, &candidates[chosen], got, neighbours);
+    let (_, refine, _, quadrature) = candidates[chosen];
+    let solve = SolveSettings { quadrature, ..settings.solve };
+    let settings = ResponseSettings { refine, solve, ..*settings };
+    Ok(SolverChoice { settings, record, tried: errors.iter().flatten().count() })
+}
+
+/// Error of strokes' light against the same strokes' by the finest, root mean square over strokes; eyes are those of `number`.
+fn error_of(
+    cloud: &Cloud,
+    settings: &ResponseSettings,
+    found: &[TestStroke],
+    truth: &[TestStroke],
+    number: u64,
+) -> f64 {
+    let seen = truth.first().map(|test| test.seen.clone()).unwrap_or_default();
+    let known = |cell: usize| seen.is_empty() || seen[cell];
+    let views = Views::new(cloud, settings.eyes.as_ref(), number, known);
+    let light = |test: &TestStroke| views.truth(test, settings.direct).0;
+    let square: f64 =
+        found.iter().zip(truth).map(|(x, r)| views.compare(&light(x), &light(r)).l2).map(|l2| l2 * l2).sum();
+    libm::sqrt(square / found.len().max(1) as f64)
+}
+
+fn words(&(cost, refine, name, _): &Candidate, error: f64) -> String {
+    format!("refinement {refine}, {name} directions: L2 {:.2} %, cost {cost} a cell", 100.0 * error)
 }
 
 /// Cost a cell, refinement, and directions by name.
 type Candidate = (usize, u32, &'static str, Quadrature);
 
-fn finished(
-    settings: &ResponseSettings,
+fn record(
     asked: f64,
-    ((_, refine, name, quadrature), got): (Candidate, f64),
+    &(_, refine, name, _): &Candidate,
+    got: f64,
     [next_better, next_cheaper]: [Option<String>; 2],
-    tried: usize,
-) -> (ResponseSettings, BudgetRecord, usize) {
-    let record = BudgetRecord {
+) -> BudgetRecord {
+    BudgetRecord {
         part: "transport".into(),
-        metric: "unseen stroke's L2 over 26 directions, against the finest solve tried".into(),
+        metric: "unseen stroke's L2, all light, against the finest solve tried".into(),
         asked: Some(asked),
         got,
         chosen: format!("refinement {refine}, {name} directions"),
         next_better,
         next_cheaper,
-    };
-    let solve = SolveSettings { quadrature, ..settings.solve };
-    (ResponseSettings { refine, solve, ..*settings }, record, tried)
+    }
 }

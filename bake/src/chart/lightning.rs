@@ -7,7 +7,7 @@ use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
 use crate::response::{LampGrid, ResponseSettings, solve_tests};
 use crate::storm::clouds::{place_lamps, strokes_for};
-use crate::trial::Trial;
+use crate::trial::{Trial, Whole};
 use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
 use squall_runtime::relight::LampPoint;
 
@@ -65,7 +65,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             }
             let error = settings.relative_error;
             let (done, cost) = seconds(1, || -> Result<_, BakeError> {
-                let trial = Trial::new(cloud, lamps, 0, &settings, (&strokes, Some(&tests)), &Quiet)?;
+                let trial =
+                    Trial::new(cloud, lamps, Whole::default(), &settings, (&strokes, Some(&tests)), &Quiet)?;
                 let coded = trial.encode(channels, codec, error);
                 Ok((trial, coded))
             });

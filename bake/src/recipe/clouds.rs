@@ -29,7 +29,7 @@ pub(super) struct CloudsFile {
     response: ResponseFile,
     #[serde(default)]
     budget: BudgetFile,
-    eyes: Option<Spanned<EyesFile>>,
+    eyes: Option<EyesFile>,
 }
 
 #[derive(Deserialize)]
@@ -151,13 +151,10 @@ pub fn parse_directions(name: &str) -> Option<Quadrature> {
 impl CloudsFile {
     /// `has_strokes`: whether the recipe has strokes that lamps can be pruned to.
     pub(super) fn check(self, has_strokes: bool, source: &Source) -> Result<Clouds, RecipeError> {
-        let optional = |field: &str, value: &Option<Number>, range: [f64; 2], unit: &str| {
-            value.as_ref().map(|_| source.number(field, value, 0.0, range, unit)).transpose()
-        };
         let optics = Optics {
-            albedo: optional("clouds.albedo", &self.albedo, [0.0, 1.0], "")?,
-            g: optional("clouds.g", &self.g, [-0.999, 0.999], "")?,
-            kappa_per_m: optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 100.0], "1/m")?,
+            albedo: source.optional("clouds.albedo", &self.albedo, [0.0, 1.0], "")?,
+            g: source.optional("clouds.g", &self.g, [-0.999, 0.999], "")?,
+            kappa_per_m: source.optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 100.0], "1/m")?,
         };
         let response = &self.response;
         let mut distant: Vec<DistantKind> = response
@@ -183,11 +180,18 @@ impl CloudsFile {
             distant.push(DistantKind::Beam { direction: direction.to_array() });
         }
         let budget = CloudBudget {
-            stroke_l2: optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
-            relit_l2: optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
-            solver_l2: optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
-            bytes: optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?.map(|v| v as u64),
-            relight_ms: optional("clouds.budget.relight_ms", &self.budget.relight_ms, [1e-3, 1e5], "ms")?,
+            stroke_l2: source.optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
+            relit_l2: source.optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
+            solver_l2: source.optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
+            bytes: source
+                .optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?
+                .map(|v| v as u64),
+            relight_ms: source.optional(
+                "clouds.budget.relight_ms",
+                &self.budget.relight_ms,
+                [1e-3, 1e5],
+                "ms",
+            )?,
         };
         let mut lamps = self.lightning.check(source)?;
         let mut settings = self.settings(source)?;
@@ -229,7 +233,7 @@ impl CloudsFile {
 
     fn eyes(&self, source: &Source) -> Result<Option<EyeBox>, RecipeError> {
         let Some(eyes) = &self.eyes else { return Ok(None) };
-        let EyesFile { low_m, high_m } = eyes.get_ref();
+        let EyesFile { low_m, high_m } = eyes;
         for (field, corner) in [("clouds.eyes.low_m", low_m), ("clouds.eyes.high_m", high_m)] {
             // Written so that NaN is refused too.
             if !corner.get_ref().iter().all(|v| v.abs() <= 1e6) {

@@ -191,8 +191,8 @@ impl Source<'_> {
         Err(self.error(value.span(), field, wanted, number))
     }
 
-    /// What a budget asks for, if there is one.
-    fn budget(
+    /// Like [`Source::number`], nothing where the recipe says nothing.
+    pub(super) fn optional(
         &self,
         field: &str,
         value: &Option<Number>,
@@ -297,7 +297,8 @@ impl RainFile {
             [0.1, 12.0],
             "mm",
         )?;
-        let class_error = source.budget("rain.density.class_error", &density.class_error, [1e-3, 0.5], "")?;
+        let class_error =
+            source.optional("rain.density.class_error", &density.class_error, [1e-3, 0.5], "")?;
         let spec = DensitySpec {
             ranges: Ranges {
                 rate: rate.map(MillimetresPerHour),
@@ -328,7 +329,7 @@ impl RainFile {
         };
         let cosines =
             source.count("rain.streaks.cosines", &streaks.cosines, usual.cosines as u32, [0, 64])? as usize;
-        let psnr_db = source.budget("rain.streaks.psnr_db", &streaks.psnr_db, [1.0, 80.0], "dB")?;
+        let psnr_db = source.optional("rain.streaks.psnr_db", &streaks.psnr_db, [1.0, 80.0], "dB")?;
         // What is said outright overrides the budget.
         let psnr_db = psnr_db.filter(|_| streaks.cosines.is_none());
         let method_given = streaks.method.is_some();

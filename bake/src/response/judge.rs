@@ -19,7 +19,7 @@ use std::ops::Range;
 /// Errors of relit light against a truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RelitError {
-    /// √Σ(x−r)² / √Σr² over cells and directions, weighted by the directions' share of the sphere.
+    /// √Σ(x−r)² / √Σr² over cells and views, weighted by what each view counts for.
     pub l2: f64,
     /// 99.9th percentile of |x−r| over the largest r.
     pub tail: f64,
@@ -40,14 +40,16 @@ pub struct Verdict {
 pub struct Views {
     /// Cells that are judged.
     cells: Vec<u32>,
-    /// Middles of those and directions from them to the eyes, eyes innermost; empty for the 26 directions.
-    eyes: Vec<(DVec3, DVec3)>,
+    /// Middles of those and directions from them to the eyes, eyes innermost; nothing for the 26 directions.
+    eyes: Option<Vec<(DVec3, DVec3)>>,
     /// What each view of a cell counts for, summing to 1.
     weights: Vec<f64>,
 }
 
 /// Eyes that judge light at once.
 const EYES: usize = 8;
+/// Seed of their places, beside their number.
+const EYES_SEED: u64 = 0xe7e5;
 
 /// Factors of channels in every view: those of a cell's views behind one another, or of one cell's that stand for all.
 pub struct ViewFactors {
@@ -62,9 +64,9 @@ impl Views {
         let cells: Vec<u32> =
             (0..cloud.shape.len()).filter(|&cell| seen(cell)).map(|cell| cell as u32).collect();
         let Some(eyes) = eyes else {
-            return Self { cells, eyes: Vec::new(), weights: sphere::weights_26().to_vec() };
+            return Self { cells, eyes: None, weights: sphere::weights_26().to_vec() };
         };
-        let mut random = Random::from_parts(&[0xe7e5, number]);
+        let mut random = Random::from_parts(&[EYES_SEED, number]);
         let places: [DVec3; EYES] = std::array::from_fn(|_| {
             let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
             DVec3::from_array(eyes.point(at))
@@ -73,7 +75,11 @@ impl Views {
             let middle = cloud.centre(cloud.shape.cell(cell as usize));
             places.map(|eye| (middle, (eye - middle).try_normalize().unwrap_or(DVec3::Z)))
         };
-        Self { eyes: cells.iter().flat_map(towards).collect(), cells, weights: vec![1.0 / EYES as f64; EYES] }
+        Self {
+            eyes: Some(cells.iter().flat_map(towards).collect()),
+            cells,
+            weights: vec![1.0 / EYES as f64; EYES],
+        }
     }
 
     /// Errors of `found` against `wanted`, values of these views both.
@@ -85,15 +91,19 @@ impl Views {
     pub fn factors(&self, basis: ChannelBasis, frame: Option<&EyeFrame>) -> ViewFactors {
         let mut factors = Vec::new();
         let mut one = Vec::new();
-        if self.eyes.is_empty() {
-            for direction in sphere::directions_26() {
-                channel_factors(basis, None, DVec3::from_array(direction), &mut one);
-                factors.extend_from_slice(&one);
+        match &self.eyes {
+            None => {
+                for direction in sphere::directions_26() {
+                    channel_factors(basis, None, DVec3::from_array(direction), &mut one);
+                    factors.extend_from_slice(&one);
+                }
             }
-        }
-        for &(middle, towards) in &self.eyes {
-            channel_factors(basis, frame.map(|frame| (frame, middle)), towards, &mut one);
-            factors.extend_from_slice(&one);
+            Some(eyes) => {
+                for &(middle, towards) in eyes {
+                    channel_factors(basis, frame.map(|frame| (frame, middle)), towards, &mut one);
+                    factors.extend_from_slice(&one);
+                }
+            }
         }
         ViewFactors { channels: basis.count(), factors }
     }
@@ -103,7 +113,7 @@ impl Views {
         let (views, channels) = (self.weights.len(), factors.channels);
         let mut out = Vec::with_capacity(self.cells.len() * views);
         for (place, &cell) in self.cells.iter().enumerate() {
-            let first = if self.eyes.is_empty() { 0 } else { place * views };
+            let first = if self.eyes.is_some() { place * views } else { 0 };
             let rows = factors.factors[first * channels..].chunks_exact(channels).take(views);
             out.extend(rows.map(|row| relit.value(cell as usize, row)));
         }
@@ -117,15 +127,12 @@ impl Views {
 
     /// Light in the 26 directions, read between them.
     fn between(&self, values: &[f32]) -> Vec<f32> {
-        if self.eyes.is_empty() {
-            let cells = self.cells.iter();
-            return cells
-                .flat_map(|&cell| &values[26 * cell as usize..26 * (cell as usize + 1)])
-                .copied()
-                .collect();
-        }
-        let mut out = Vec::with_capacity(self.eyes.len());
-        for (place, (_, towards)) in self.eyes.iter().enumerate() {
+        let Some(eyes) = &self.eyes else {
+            let of_cell = |&cell: &u32| &values[26 * cell as usize..26 * (cell as usize + 1)];
+            return self.cells.iter().flat_map(of_cell).copied().collect();
+        };
+        let mut out = Vec::with_capacity(eyes.len());
+        for (place, (_, towards)) in eyes.iter().enumerate() {
             let cell = 26 * self.cells[place / EYES] as usize;
             let near = sphere::interpolate_26(towards.to_array());
             out.push(near.iter().map(|&(direction, weight)| weight as f32 * values[cell + direction]).sum());
@@ -135,7 +142,7 @@ impl Views {
 
     /// Light in the 26 directions that has no more than degree 3 in it.
     fn smooth(&self, values: &[f32]) -> Vec<f32> {
-        if self.eyes.is_empty() {
+        if self.eyes.is_none() {
             return self.between(values);
         }
         let (basis, cells) = (ChannelBasis::Harmonics { degree: 3 }, values.len() / 26);
@@ -144,28 +151,37 @@ impl Views {
         self.light(&Relit { basis, frame: None, cells, planes: &planes }, &self.factors(basis, None))
     }
 
+    /// A test stroke's direct light.
+    fn direct(&self, test: &TestStroke) -> Vec<f32> {
+        if self.eyes.is_none() || test.direct_to_eyes.is_empty() {
+            return self.between(&test.direct);
+        }
+        let cells = self.cells.iter();
+        cells.flat_map(|&cell| [test.direct_to_eyes[cell as usize]; EYES]).collect()
+    }
+
     /// A test stroke's light, solved directly, and the part of it that the runtime adds itself.
-    fn truth(&self, test: &TestStroke, direct_term: DirectTerm) -> (Vec<f32>, Vec<f32>) {
-        let direct = self.between(&test.direct);
+    pub fn truth(&self, test: &TestStroke, direct_term: DirectTerm) -> (Vec<f32>, Vec<f32>) {
         if direct_term == DirectTerm::InRows {
-            return (self.between(&test.truth), direct);
+            let none = self.between(&test.direct);
+            return (self.between(&test.truth), none);
         }
         // Light that was scattered on its way has no more than the solver's degree in it, direct light has.
         let rest: Vec<f32> = test.truth.iter().zip(&test.direct).map(|(all, direct)| all - direct).collect();
-        let mut truth = self.smooth(&rest);
+        let (mut truth, direct) = (self.smooth(&rest), self.direct(test));
         truth.iter_mut().zip(&direct).for_each(|(sum, direct)| *sum += direct);
         (truth, direct)
     }
 }
 
 /// Test strokes with their light as it is judged, for responses of one cloud that leave the same cells out.
-pub struct Judge {
+pub struct Jury {
     views: Views,
     strokes: Vec<(Vec<f32>, Vec<f32>)>,
 }
 
-impl Judge {
-    /// Prepares the light of `tests`, which [`Judge::verdict`] is to be given again. Eyes are those of `number`.
+impl Jury {
+    /// Prepares the light of `tests`, which [`Jury::verdict`] is to be given again. Eyes are those of `number`.
     pub fn new(
         cloud: &Cloud,
         eyes: Option<&EyeBox>,
@@ -216,10 +232,10 @@ impl Judge {
     }
 }
 
-/// [`Judge`] for one response alone.
+/// A [`Jury`] for one response alone.
 pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Result<Verdict, BakeError> {
-    let judge = Judge::new(relighter.cloud(), relighter.eyes(), relighter.direct(), tests, number);
-    judge.verdict(relighter, tests)
+    let jury = Jury::new(relighter.cloud(), relighter.eyes(), relighter.direct(), tests, number);
+    jury.verdict(relighter, tests)
 }
 
 /// Errors of `found` against `wanted`, both 26 values a cell.

@@ -32,10 +32,15 @@ pub(super) struct TowardsEyes {
 }
 
 impl TowardsEyes {
-    pub(super) fn new(cloud: &Cloud, eyes: &EyeBox, seen_only: bool) -> Self {
+    /// `head` says which cells the rows hold light for.
+    pub(super) fn new(cloud: &Cloud, eyes: &EyeBox, head: &ResponseHead) -> Self {
+        let seen = head
+            .seen
+            .as_ref()
+            .map(|_| (0..cloud.shape.len()).map(|cell| head.sees(cell)).collect::<Vec<_>>());
         Self {
-            maps: [0, 1, 2].map(|degree| EyeMap::new(cloud, eyes, degree)),
-            unseen: if seen_only { Unseen::new(cloud, Some(eyes)) } else { None },
+            maps: [0, 1, 2].map(|degree| EyeMap::new(cloud, eyes, degree, seen.as_deref())),
+            unseen: seen.and_then(|seen| Unseen::of(cloud.shape, seen)),
             haar: Haar::new(cloud.shape),
         }
     }

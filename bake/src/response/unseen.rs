@@ -5,7 +5,7 @@
 use super::eyes::visible;
 use squall_formats::GridShape;
 use squall_formats::eyes::EyeBox;
-use squall_runtime::transport::{Boundary, Cloud};
+use squall_runtime::transport::Cloud;
 
 /// One level of blocks: its size and which of them hold a seen cell.
 struct Level {
@@ -23,12 +23,16 @@ impl Unseen {
     /// Looks at a stored grid. Light is read between the middles of eight cells, and only where there is density: a cell is seen
     /// where one of the 27 around it has some, and, with `eyes`, where those can see it. `None` where all are.
     pub fn new(cloud: &Cloud, eyes: Option<&EyeBox>) -> Option<Self> {
-        let size = cloud.shape.to_array();
-        let dense: Vec<bool> = cloud.extinction.iter().map(|&extinction| extinction > 0.0).collect();
-        let mut seen = beside(cloud, &dense);
-        if let Some(eyes) = eyes {
-            seen.iter_mut().zip(visible(cloud, eyes)).for_each(|(seen, visible)| *seen &= visible);
+        let mut seen = cloud.shaded();
+        if let Some(visible) = eyes.and_then(|eyes| visible(cloud, eyes)) {
+            seen.iter_mut().zip(visible).for_each(|(seen, visible)| *seen &= visible);
         }
+        Self::of(cloud.shape, seen)
+    }
+
+    /// The same where the cells that are read are known.
+    pub fn of(shape: GridShape, seen: Vec<bool>) -> Option<Self> {
+        let size = shape.to_array();
         if seen.iter().all(|&seen| seen) {
             return None;
         }
@@ -42,7 +46,7 @@ impl Unseen {
             }
             levels.push(Level { size, seen });
         }
-        Some(Self { shape: cloud.shape, levels })
+        Some(Self { shape, levels })
     }
 
     /// Which cells are read.
@@ -77,31 +81,6 @@ impl Unseen {
     }
 }
 
-/// The cells of `marked`, and the 26 around each.
-pub fn beside(cloud: &Cloud, marked: &[bool]) -> Vec<bool> {
-    let size = cloud.shape.to_array();
-    let mut out = vec![false; marked.len()];
-    for index in (0..marked.len()).filter(|&index| marked[index]) {
-        let cell = cloud.shape.cell(index);
-        for step in 0..27usize {
-            let offset = [step % 3, step / 3 % 3, step / 9];
-            let near: [Option<usize>; 3] = std::array::from_fn(|axis| {
-                let at = cell[axis] + offset[axis];
-                let around = axis < 2 && cloud.boundary == Boundary::PeriodicXy;
-                match at {
-                    0 => around.then_some(size[axis] - 1),
-                    at if at - 1 < size[axis] => Some(at - 1),
-                    _ => around.then_some(0),
-                }
-            });
-            if let [Some(x), Some(y), Some(z)] = near {
-                out[cloud.shape.index(x, y, z)] = true;
-            }
-        }
-    }
-    out
-}
-
 /// The block of the next level that cell or block `index` belongs to.
 fn parent(index: usize, fine: [usize; 3], coarse: [usize; 3]) -> usize {
     let cell = [index % fine[0], index / fine[0] % fine[1], index / (fine[0] * fine[1])];
@@ -114,6 +93,7 @@ mod tests {
     use super::*;
     use glam::DVec3;
     use squall_formats::haar::Haar;
+    use squall_runtime::transport::Boundary;
 
     /// A cloud of a few cells in the corner of a grid that is no power of two.
     fn corner() -> Cloud {

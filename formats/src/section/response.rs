@@ -158,7 +158,8 @@ pub struct ResponseHead {
     pub solver: SolverRecord,
     /// Where eyes may stand; anywhere where absent. From elsewhere the rows' light means nothing. New in version 2.
     pub eyes: Option<EyeBox>,
-    /// Which cells' light means something, a bit each, lowest first; all where absent. New in version 2.
+    /// Which cells' light means something, a bit each, lowest first; all where absent. New in version 2: in a section of version 1
+    /// it may be only the cells with extinction and those that touch one.
     pub seen: Option<Vec<u8>>,
 }
 
@@ -232,6 +233,8 @@ impl ChannelBound {
 /// A cloud response: a view into the asset's bytes.
 #[derive(Clone, Debug)]
 pub struct ResponseSection<'a> {
+    /// Version that it was written in.
+    pub version: u16,
     /// What the rows mean.
     pub head: ResponseHead,
     /// One entry a row.
@@ -338,7 +341,7 @@ impl<'a> ResponseSection<'a> {
         if !bounds.iter().all(|b| b.total().is_finite() && b.discarded >= 0.0 && b.quantised >= 0.0) {
             return Err(invalid("error bounds", "finite and not negative", "something else".into()));
         }
-        Ok(Self { head, index, bounds, rows })
+        Ok(Self { version, head, index, bounds, rows })
     }
 
     /// Number of virtual sources.

@@ -81,6 +81,40 @@ impl Cloud {
         Ok(Self { shape, cell_m, extinction, ..self.clone() })
     }
 
+    /// The cells of `marked`, and the 26 around each; across the sides too where the grid repeats.
+    ///
+    /// Panics when `marked` is not one grid long.
+    pub fn beside(&self, marked: &[bool]) -> Vec<bool> {
+        assert_eq!(marked.len(), self.shape.len());
+        let size = self.shape.to_array();
+        let mut out = vec![false; marked.len()];
+        for index in (0..marked.len()).filter(|&index| marked[index]) {
+            let cell = self.shape.cell(index);
+            for step in 0..27usize {
+                let offset = [step % 3, step / 3 % 3, step / 9];
+                let near: [Option<usize>; 3] = std::array::from_fn(|axis| {
+                    let at = cell[axis] + offset[axis];
+                    let around = axis < 2 && self.boundary == Boundary::PeriodicXy;
+                    match at {
+                        0 => around.then_some(size[axis] - 1),
+                        at if at - 1 < size[axis] => Some(at - 1),
+                        _ => around.then_some(0),
+                    }
+                });
+                if let [Some(x), Some(y), Some(z)] = near {
+                    out[self.shape.index(x, y, z)] = true;
+                }
+            }
+        }
+        out
+    }
+
+    /// Cells that rays shade with: light is read between the middles of eight cells, and only where there is density.
+    pub fn shaded(&self) -> Vec<bool> {
+        let dense: Vec<bool> = self.extinction.iter().map(|&extinction| extinction > 0.0).collect();
+        self.beside(&dense)
+    }
+
     /// Corner of the grid with the largest coordinates, m.
     pub fn far_corner(&self) -> DVec3 {
         let [nx, ny, nz] = self.shape.to_array().map(|n| n as f64);

@@ -1,0 +1,250 @@
+//! Solving a batch of lights, and what is made of it: channels of rows, test strokes with their truth.
+
+use super::eyes::EyeMap;
+use super::unseen::Unseen;
+use super::{ResponseSettings, SOLVED, TestStroke, add_direct, in_26_directions};
+use crate::error::BakeError;
+use crate::progress::Progress;
+use glam::DVec3;
+use rayon::prelude::*;
+use squall_formats::haar::Haar;
+use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::sphere::{self, MAX_HARMONICS, degree_of};
+use squall_runtime::flash::{self, DirectSettings};
+use squall_runtime::relight::LampPoint;
+use squall_runtime::transport::Cloud;
+use squall_runtime::transport::cloud::CoarseIndex;
+use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::lanes::{F32x16, Lanes};
+use squall_runtime::transport::solve::{BatchReport, GATHERED, Solvable, SolveBuffers, Solver};
+use std::sync::Arc;
+
+/// Lights that were solved side by side.
+pub(super) struct Batch<R> {
+    pub(super) report: BatchReport,
+    /// What each light's row became, and its channels where they are needed.
+    pub(super) rows: Vec<(R, Option<Vec<f32>>)>,
+}
+
+/// What all lights of a response have in common.
+pub(super) struct Context<'a> {
+    settings: &'a ResponseSettings,
+    fine: &'a Cloud,
+    tracer: Tracer<'a>,
+    solver: &'a Solver<4>,
+    parent: CoarseIndex,
+    haar: Haar,
+    cloud: &'a Cloud,
+    /// Cells that no light is stored for.
+    pub(super) unseen: Option<Unseen>,
+    eye_map: Option<EyeMap>,
+    /// Unit vectors from stored cells to the middle of the eyes' box.
+    to_eyes: Option<Vec<[f32; 3]>>,
+    directions: [DVec3; 26],
+}
+
+/// Memory of a thread.
+#[derive(Default)]
+pub(super) struct Work<P> {
+    direct: Option<DirectField<4>>,
+    sources: Vec<[P; 4]>,
+    gathered: Vec<[P; GATHERED]>,
+    buffers: SolveBuffers<P, 4>,
+    towards: Vec<Vec<f32>>,
+    scratch: Vec<f32>,
+}
+
+impl<'a> Context<'a> {
+    pub(super) fn new(
+        cloud: &'a Cloud,
+        fine: &'a Cloud,
+        solver: &'a Solver<4>,
+        settings: &'a ResponseSettings,
+    ) -> Self {
+        let unseen = if settings.seen_only { Unseen::new(cloud, settings.eyes.as_ref()) } else { None };
+        let seen = unseen.as_ref().map(Unseen::seen);
+        Self {
+            settings,
+            fine,
+            tracer: Tracer::new(fine, solver.scaled().extinction_scale),
+            solver,
+            parent: CoarseIndex::new(fine.shape, [settings.refine; 3]),
+            haar: Haar::new(cloud.shape),
+            cloud,
+            eye_map: match (settings.channels, &settings.eyes) {
+                (ChannelBasis::Eyes { degree }, Some(eyes)) => Some(EyeMap::new(cloud, eyes, degree, seen)),
+                _ => None,
+            },
+            unseen,
+            to_eyes: settings.eyes.map(|eyes| {
+                let centre = DVec3::from_array(eyes.centre());
+                let towards = |cell| (centre - cloud.centre(cloud.shape.cell(cell))).normalize_or(DVec3::Z);
+                (0..cloud.shape.len()).map(|cell| towards(cell).as_vec3().to_array()).collect()
+            }),
+            directions: sphere::directions_26().map(DVec3::from_array),
+        }
+    }
+
+    pub(super) fn in_rows(&self) -> bool {
+        self.settings.direct == DirectTerm::InRows
+    }
+
+    /// Traces lights, one list a lane, and solves for what they scatter.
+    fn solve_lanes<P: Solvable<4>>(
+        &self,
+        lanes: &[Vec<Light>],
+        towards: bool,
+        work: &mut Work<P>,
+    ) -> Result<BatchReport, BakeError> {
+        let directions: &[DVec3] = if towards { &self.directions } else { &[] };
+        let fits = |field: &DirectField<4>| field.towards.len() == self.fine.shape.len() * directions.len();
+        let mut direct = match work.direct.take() {
+            Some(field) if fits(&field) => field,
+            _ => DirectField::new(self.fine, directions),
+        };
+        let share = 1.0 / self.fine.cell_volume() as f32;
+        work.sources.clear();
+        work.sources.resize(self.fine.shape.len(), [P::splat(0.0); 4]);
+        work.towards.clear();
+        for (lane, lights) in lanes.iter().enumerate() {
+            direct.clear();
+            for &light in lights {
+                self.tracer.rays(light, self.settings.samples, |ray| {
+                    self.tracer.trace(ray, &mut direct);
+                });
+            }
+            for (source, moments) in work.sources.iter_mut().zip(&direct.moments) {
+                for m in 0..4 {
+                    source[m].set_lane(lane, moments[m] * share);
+                }
+            }
+            if towards {
+                let coarse = self.parent.means(&direct.towards, directions.len());
+                work.towards.push(coarse.into_iter().map(|v| v * share).collect());
+            }
+        }
+        work.direct = Some(direct);
+        let report = self.solver.solve(&work.sources, &mut work.gathered, &mut work.buffers, None);
+        for (lane, lights) in report.lanes.iter().zip(lanes) {
+            if !lane.converged {
+                return Err(BakeError::NotReached {
+                    what: format!("transport of {:?}", lights.first()),
+                    wanted: format!("residual {:e}", self.settings.solve.tolerance),
+                    reached: format!("{:e} after {} sweeps", lane.residual, report.sweeps),
+                    hint: "a larger tolerance or more sweeps help".into(),
+                });
+            }
+        }
+        Ok(report)
+    }
+
+    /// J's harmonic coefficients of one lane's scattered light in the stored cells, 16 a cell.
+    fn coefficients<P: Lanes>(&self, lane: usize, work: &Work<P>) -> Vec<f32> {
+        let powers = [1.0, self.fine.g, self.fine.g * self.fine.g, self.fine.g * self.fine.g * self.fine.g];
+        let scale: [f32; MAX_HARMONICS] = std::array::from_fn(|m| powers[degree_of(m)] as f32);
+        let mut fine = Vec::with_capacity(work.gathered.len() * MAX_HARMONICS);
+        for moments in &work.gathered {
+            fine.extend((0..MAX_HARMONICS).map(|m| moments[m].lane(lane) * scale[m]));
+        }
+        if self.settings.refine == 1 { fine } else { self.parent.means(&fine, MAX_HARMONICS) }
+    }
+
+    /// One lane's channels, one plane a channel.
+    fn channels<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
+        let coefficients = self.coefficients(lane, work);
+        let cells = coefficients.len() / MAX_HARMONICS;
+        let basis = if self.eye_map.is_some() { SOLVED } else { self.settings.channels };
+        let count = basis.count();
+        let mut planes = vec![0.0f32; cells * count];
+        let directions;
+        let (values, stride): (&[f32], usize) = match basis {
+            ChannelBasis::Directions26 => {
+                directions = in_26_directions(&coefficients);
+                (&directions, 26)
+            }
+            ChannelBasis::Harmonics { .. } | ChannelBasis::Eyes { .. } => (&coefficients, MAX_HARMONICS),
+        };
+        for (cell, values) in values.chunks_exact(stride).enumerate() {
+            for channel in 0..count {
+                planes[channel * cells + cell] = values[channel];
+            }
+        }
+        if in_rows {
+            add_direct(basis, &work.towards[lane], 1.0, &mut planes);
+        }
+        match &self.eye_map {
+            Some(map) => map.apply(&planes),
+            None => planes,
+        }
+    }
+
+    /// Solves lights side by side; each row goes through `finish`, and comes along as channels where `needed`.
+    pub(super) fn solve_batch<R>(
+        &self,
+        lanes: &[Vec<Light>],
+        in_rows: bool,
+        needed: impl Fn(usize) -> bool,
+        finish: &(dyn Fn(Vec<f32>) -> R + Sync),
+        work: &mut Work<F32x16>,
+    ) -> Result<Batch<R>, BakeError> {
+        let report = self.solve_lanes(lanes, in_rows, work)?;
+        let mut rows = Vec::with_capacity(lanes.len());
+        for lane in 0..lanes.len() {
+            let mut planes = self.channels(lane, in_rows, work);
+            if let Some(unseen) = &self.unseen {
+                planes.chunks_exact_mut(self.haar.len()).for_each(|plane| unseen.fill(plane));
+            }
+            let kept = needed(lane).then(|| planes.clone());
+            for plane in planes.chunks_exact_mut(self.haar.len()) {
+                self.haar.forward(plane, &mut work.scratch);
+            }
+            rows.push((finish(planes), kept));
+        }
+        Ok(Batch { report, rows })
+    }
+
+    fn direct_to_eyes(&self, lamps: &[LampPoint]) -> Vec<f32> {
+        let Some(to_eyes) = &self.to_eyes else { return Vec::new() };
+        let mut j = vec![0.0; to_eyes.len()];
+        let scale = self.solver.scaled().extinction_scale;
+        flash::add_direct(self.cloud, scale, lamps, to_eyes, DirectSettings::default(), &mut j);
+        j
+    }
+
+    /// Strokes with their truth.
+    pub(super) fn solve_strokes(
+        &self,
+        strokes: &[Vec<LampPoint>],
+        progress: &dyn Progress,
+    ) -> Result<Vec<TestStroke>, BakeError> {
+        let seen: Arc<[bool]> = self.unseen.as_ref().map_or_else(Default::default, |u| u.seen().into());
+        // One stroke a task: tracing its many points is most of the work.
+        let solved: Vec<Result<TestStroke, BakeError>> = strokes
+            .par_iter()
+            .map_init(Work::<f32>::default, |work, lamps| {
+                progress.check()?;
+                let light = |l: &LampPoint| Light::Point { position: l.position, intensity: l.intensity };
+                let lights: Vec<Light> = lamps.iter().map(light).collect();
+                self.solve_lanes(&[lights], true, work)?;
+                let mut truth = in_26_directions(&self.coefficients(0, work));
+                let direct = std::mem::take(&mut work.towards[0]);
+                for (sum, value) in truth.iter_mut().zip(&direct) {
+                    *sum += value;
+                }
+                progress.advance(1);
+                let direct_to_eyes = self.direct_to_eyes(lamps);
+                let direct = if self.in_rows() { vec![0.0; direct.len()] } else { direct };
+                let seen = seen.clone();
+                Ok(TestStroke {
+                    lamps: lamps.clone(),
+                    truth,
+                    direct,
+                    direct_to_eyes,
+                    uncompressed: Vec::new(),
+                    seen,
+                })
+            })
+            .collect();
+        solved.into_iter().collect()
+    }
+}
