@@ -10,6 +10,7 @@ mod density;
 mod end_to_end;
 mod lightning;
 mod peers;
+mod picture_kernel;
 mod rain_frame;
 mod scene;
 mod streaks;

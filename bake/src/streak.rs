@@ -111,12 +111,11 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
     while name.len() > MAX_NAME {
         name.pop();
     }
-    let ends = support(picture, body_floor(picture));
     let mut streak = StreakPattern {
         name,
         method: settings.method,
         size_px: [picture.width as u16, picture.height as u16],
-        body: Body { u: ends[0], v: ends[1] },
+        body: body(picture),
         mean: 0.0,
         psnr_db: 0.0,
         ssim: 0.0,
@@ -180,6 +179,12 @@ fn integral(pattern: &Pattern) -> f64 {
         }
     }
     sum * steps[0] * steps[1]
+}
+
+/// The part of a picture that the drop's path takes, by its light alone.
+pub fn body(picture: &Grey) -> Body {
+    let [u, v] = support(picture, body_floor(picture));
+    Body { u, v }
 }
 
 /// First and last row and column with light above `floor`, as fractions of the sides.
