@@ -6,19 +6,21 @@
 //!
 //! A picture's samples are even squares of light, so S is linear between their corners and the light of any
 //! rectangle (u, v) is a sum of four values of S, exactly. A footprint is cut into small such rectangles in its
-//! own frame, [`PER_PIXEL`] a pixel at least, and each gives its light to the pixels that it lies on. The lights
+//! own frame, so many along a pixel's side at least, and each gives its light to the pixels that it lies on. The lights
 //! of all rectangles add up to 1 by construction, at any size: a hundredth of a pixel wide or a hundred pixels.
+//!
+//! Error: a rectangle's light is spread evenly, and that of one that leans over an upright one of the same middle
+//! and the same variances; light moves by less than a rectangle's side.
 
 use crate::input::picture::Grey;
 use crate::streak::body;
 use squall_formats::section::streak::Body;
 use squall_runtime::rain::{Clip, Footprint, Kernel, Span};
 
-/// Rectangles along a pixel's side at least, and across and along a whole picture at least, however small it is
-/// drawn. A rectangle that leans is spread evenly over an upright one of the same middle and the same variances:
-/// what that moves, it moves by less than a quarter of a pixel, and to both sides.
-pub const PER_PIXEL: u32 = 4;
+/// Rectangles across and along a whole picture at least, however small it is drawn.
 const LEAST: f64 = 8.0;
+/// What round-off may add to a whole number of rectangles.
+const ROUND_OFF: f64 = 1e-9;
 /// Spans are padded to whole blocks of this many pixels.
 const BLOCK: usize = 4;
 /// Longest side drawn, px; beyond it a footprint is not a streak.
@@ -28,6 +30,7 @@ const LONGEST_PX: f64 = 1e5;
 #[derive(Clone, Debug)]
 pub struct PictureSet {
     pictures: Vec<Light>,
+    per_pixel: f64,
 }
 
 /// A picture's light, summed.
@@ -57,8 +60,10 @@ struct Pose<'a> {
 
 impl PictureSet {
     /// Pictures in the order of the patterns that are fitted to them; each has some light and none below zero.
-    pub fn new(pictures: &[Grey]) -> Self {
-        Self { pictures: pictures.iter().map(Light::new).collect() }
+    /// Rectangles along a pixel's side: `per_pixel` at least, from 1.
+    pub fn new(pictures: &[Grey], per_pixel: u32) -> Self {
+        let pictures = pictures.iter().map(Light::new).collect();
+        Self { pictures, per_pixel: per_pixel.max(1).into() }
     }
 }
 
@@ -115,7 +120,7 @@ impl<'a> Pose<'a> {
         let size = [width / body.width(), length / body.length()];
         let middle = [0.5 * (body.u[0] + body.u[1]) * size[0], 0.5 * (body.v[0] + body.v[1]) * size[1]];
         let corner = [0, 1].map(|k| centre[k] - axes[0][k] * middle[0] - axes[1][k] * middle[1]);
-        let counts = size.map(|size| (size * f64::from(PER_PIXEL)).ceil().max(LEAST) as usize);
+        let counts = size.map(|size| (size * set.per_pixel - ROUND_OFF).ceil().max(LEAST) as usize);
         let sides = [0, 1].map(|k| size[k] / counts[k] as f64);
         let spread = [0, 1].map(|k| {
             let [across, along] = [sides[0] * axes[0][k], sides[1] * axes[1][k]];
@@ -186,7 +191,7 @@ impl<'a> Pose<'a> {
     }
 }
 
-/// The pixel where an interval of length `side` ≤ 1 around `middle` begins, and the share of it that lies there;
+/// The pixel where an interval of length `side` of 1 at most around `middle` begins, and the share of it that lies there;
 /// the rest lies in the next one.
 fn split(middle: f64, side: f64) -> (i32, f64) {
     let start = middle - 0.5 * side;
