@@ -83,7 +83,7 @@ fn an_even_picture_is_a_rectangles_coverage_of_each_pixel() {
 #[test]
 fn a_picture_drawn_upright_at_its_own_size_is_the_picture() {
     let picture = uneven();
-    let set = PictureSet::new(&[picture.clone()], 4);
+    let set = PictureSet::new(std::slice::from_ref(&picture), 4);
     let body = body(&picture);
     assert_eq!(body, Body { u: [5.0 / 24.0, 17.0 / 24.0], v: [8.0 / 90.0, 80.0 / 90.0] });
     // u runs along x where the drop falls down the picture.
@@ -113,7 +113,7 @@ fn a_leaning_streak_is_its_picture_averaged_over_every_pixel() {
     /// is near to what 32 × 32 points a pixel are off themselves.
     const SPREAD: [f64; 2] = [0.1, 0.025];
     let (picture, mut random) = (uneven(), Random::new(6));
-    let sets = [4, 16].map(|per_pixel| PictureSet::new(&[picture.clone()], per_pixel));
+    let sets = [4, 16].map(|per_pixel| PictureSet::new(std::slice::from_ref(&picture), per_pixel));
     let body = body(&picture);
     let total: f64 = picture.pixels.iter().map(|&light| f64::from(light)).sum();
     for _ in 0..6 {
