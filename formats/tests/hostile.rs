@@ -57,8 +57,9 @@ struct Sample {
 
 /// Every section of every golden asset.
 fn samples() -> Vec<Sample> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/golden/v1");
-    let mut files: Vec<PathBuf> = folder.read_dir().unwrap().map(|file| file.unwrap().path()).collect();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/golden");
+    let below = |folder: PathBuf| folder.read_dir().unwrap().map(|file| file.unwrap().path());
+    let mut files: Vec<PathBuf> = below(folder).filter(|path| path.is_dir()).flat_map(below).collect();
     files.retain(|file| file.extension().is_some_and(|extension| extension == "squall"));
     files.sort();
     let mut samples = Vec::new();
@@ -71,7 +72,7 @@ fn samples() -> Vec<Sample> {
         }
     }
     // The newest version of the response, with all that it may hold.
-    let old = samples.iter().rfind(|sample| sample.tag == ResponseSection::TAG).unwrap();
+    let old = samples.iter().rfind(|s| s.tag == ResponseSection::TAG && s.version == 1).unwrap();
     let section = newest_response(old.bytes.bytes(), |_| ());
     let (tag, version, head) = (ResponseSection::TAG, ResponseSection::VERSION, section.head_length as usize);
     samples.push(Sample { tag, version, head, bytes: Aligned::new(&section.to_bytes()) });

@@ -122,27 +122,34 @@ impl Sight {
     }
 }
 
-/// The rows as they were solved: four bytes a value, no error, a sum over rows.
-fn dense(solved: &SolvedRows, truth: &str, all: usize) -> Result<Point, BakeError> {
+/// The rows that each stroke touches with their weights, and the time that adding a stroke's rows takes, a mean over strokes.
+pub fn timed_sums(solved: &SolvedRows) -> Result<(Vec<Vec<SourceWeight>>, Cost), BakeError> {
+    let weights = solved.tests.iter().map(|test| split_lamps(&solved.head, &test.lamps));
+    let weights: Vec<Vec<SourceWeight>> = weights.collect::<Result<_, _>>()?;
+    // What the values are makes no difference to the time.
     let rows = &solved.planes;
-    let bytes = rows.first().map_or(0, |row| row.len() * size_of::<f32>()) as f64;
-    let strokes = solved.tests.iter().map(|test| split_lamps(&solved.head, &test.lamps));
-    let strokes: Vec<Vec<SourceWeight>> = strokes.collect::<Result<_, _>>()?;
-    let count = strokes.len().max(1) as f64;
-    let touched = strokes.iter().map(Vec::len).sum::<usize>() as f64 / count;
     let mut sum = vec![0.0f32; rows.first().map_or(0, Vec::len)];
     let (_, cost) = seconds(REPEATS, || {
-        for weight in strokes.iter().flatten() {
+        for weight in weights.iter().flatten() {
             let row = &rows[weight.row as usize];
             sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight.intensity * value);
         }
     });
+    let strokes = weights.len().max(1) as f64;
+    Ok((weights, cost.times(1.0 / strokes)))
+}
+
+/// The rows as they were solved: four bytes a value, no error, a sum over rows.
+fn dense(solved: &SolvedRows, truth: &str, all: usize) -> Result<Point, BakeError> {
+    let bytes = solved.planes.first().map_or(0, |row| row.len() * size_of::<f32>()) as f64;
+    let (weights, cost) = timed_sums(solved)?;
+    let touched = weights.iter().map(Vec::len).sum::<usize>() as f64 / weights.len().max(1) as f64;
     Ok(Point {
         series: "uncompressed, f32".into(),
         setting: format!("a sum over {touched:.0} rows"),
         truth: truth.into(),
         errors: vec![(L2, 0.0), (TAIL, 0.0), (MEDIAN, 0.0)],
-        costs: vec![(BYTES, Cost::exact(bytes)), (TIME, cost.times(1e6 / count))],
+        costs: vec![(BYTES, Cost::exact(bytes)), (TIME, cost.times(1e6))],
         bytes: Some((bytes * all as f64) as u64),
         chosen: false,
         baseline: false,

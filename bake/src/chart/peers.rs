@@ -12,8 +12,7 @@
 
 mod exchange;
 
-use super::clock::seconds;
-use super::compression::{BYTES, REPEATS, Sight, TIME, mean_errors};
+use super::compression::{BYTES, Sight, TIME, mean_errors, timed_sums};
 use super::{Cost, Point};
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -22,7 +21,7 @@ use crate::response::judge::RelitError;
 use exchange::{Coded, Exchange};
 use serde::Deserialize;
 use squall_formats::section::response::{self, ResponseRows};
-use squall_runtime::relight::{SourceWeight, split_lamps};
+use squall_runtime::relight::SourceWeight;
 use std::path::{Path, PathBuf};
 
 /// Relative L2 errors that rows are asked for, in a full sweep: fewer than ours, as each takes a search.
@@ -114,23 +113,10 @@ struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     fn new(solved: &'a SolvedRows, sight: &'a Sight) -> Result<Self, BakeError> {
-        let weights: Vec<Vec<SourceWeight>> = solved
-            .tests
-            .iter()
-            .map(|test| split_lamps(&solved.head, &test.lamps))
-            .collect::<Result<_, _>>()?;
-        // What the values are makes no difference to the time; the rows at hand are as long as the decoded ones.
+        let (weights, adding) = timed_sums(solved)?;
         let rows = &solved.planes;
-        let mut sum = vec![0.0f32; rows.first().map_or(0, Vec::len)];
-        let (_, cost) = seconds(REPEATS, || {
-            for weight in weights.iter().flatten() {
-                let row = &rows[weight.row as usize];
-                sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight.intensity * value);
-            }
-        });
         let empty = ResponseRows { rows: vec![Vec::new(); rows.len()], bounds: Vec::new() };
         let around = response::write(&solved.head, empty).length();
-        let adding = cost.times(1.0 / weights.len().max(1) as f64);
         Ok(Self { solved, sight, weights, adding, around })
     }
 
