@@ -121,7 +121,7 @@ fn a_budget_takes_channels_towards_eyes_where_they_are_cheapest_and_is_met_by_un
 fn a_budget_in_milliseconds_is_kept_and_buys_error_with_them() {
     let folder = tempfile::tempdir().unwrap();
     /// Apart by a factor of √3 each.
-    const ASKED_MS: [f64; 3] = [0.003, 0.0052, 0.009];
+    const ASKED_MS: [f64; 3] = [0.005, 0.0087, 0.015];
     let budget = |ms: f64| {
         let spacing = "[clouds.lightning]\nspacing_m = 150.0\n\n[clouds.response]\ntest_strokes = 8";
         format!("{spacing}\n\n[clouds.budget]\nrelight_ms = {ms}\n\n{EYES}{STROKE}")

@@ -316,8 +316,9 @@ fn a_light_does_not_notice_its_neighbours_in_the_batch() {
 
 #[test]
 fn rays_through_a_cells_faces_bring_the_direct_light_of_a_far_lamp_to_its_value() {
-    /// The most that cells' never scattered light may be off, as RMS over it, with 1, 2, 4 and 8 rays an edge.
-    const OFF: [f64; 4] = [0.35, 0.2, 0.1, 0.04];
+    /// The most that cells' never scattered light may be off, as RMS over it, with 1, 2, 4 and 8 rays an edge: measured 23.5, 11.2,
+    /// 4.9 and 1.3 %.
+    const OFF: [f64; 4] = [0.3, 0.15, 0.07, 0.025];
     /// Rays an edge that stand for the value: four times the most that are judged.
     const MANY: u32 = 32;
     let path = crate::root().join("data/input/layer32.json");
