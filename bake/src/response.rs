@@ -96,7 +96,7 @@ pub struct TestStroke {
     pub lamps: Vec<LampPoint>,
     /// J in the 26 directions, cells outermost: the stroke solved directly, all light.
     pub truth: Vec<f32>,
-    /// The part of that which the runtime adds itself: direct light with [`DirectTerm::AtRunTime`], else zero.
+    /// The direct part of that, which the runtime adds itself with [`DirectTerm::AtRunTime`].
     pub direct: Vec<f32>,
     /// J of direct light, cell means, towards the middle of the eyes' box; empty without eyes. It is what stroke errors towards eyes are
     /// relative to, beside what was scattered: 26 directions are too few to read a narrow phase function between.

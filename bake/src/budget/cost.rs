@@ -47,11 +47,12 @@ pub fn stroke_ms(
     Ok(relight_ms(&response.head, bytes))
 }
 
-/// What a scene relights at once: each of its strokes, and all that flash together in its own picture and in one colour.
+/// What a scene relights at once: each of its strokes, and those that flash one after the other in its own picture's list and have one
+/// colour, as frames sum them.
 pub fn flashes(recipe: &Recipe) -> Vec<Vec<LampPoint>> {
     let lamps = |record: &StrokeRecord| Stroke::grow(record).lamps(0.0);
     let mut all: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(lamps).collect();
-    let shown = recipe.view.iter().flat_map(|view| &view.flashes);
+    let shown = recipe.view.iter().flat_map(|view| &view.flashes).filter(|flash| flash.brightness > 0.0);
     let shown: Vec<&StrokeRecord> =
         shown.filter_map(|flash| recipe.strokes.iter().find(|record| record.name == flash.stroke)).collect();
     for group in shown.chunk_by(|a, b| a.color == b.color).filter(|group| group.len() > 1) {

@@ -42,9 +42,9 @@ pub struct SolverChoice {
 
 /// Chooses refinement and directions: of those that `strokes` find near enough to the finest the cheapest, in sub-cells times
 /// directions, which is what a sweep takes. Others judge it: `unseen` gives new ones for each number. Where those find it too far
-/// off, the next round asks the first for as much less.
+/// off, the next round asks the first for as much less of what costs more.
 ///
-/// Errors: a solve that does not converge, an interruption.
+/// Errors: a solve that does not converge, no unseen stroke, an interruption.
 pub fn choose_solver(
     cloud: &Cloud,
     settings: &ResponseSettings,
@@ -90,28 +90,42 @@ pub fn choose_solver(
     };
     // Where no round is content it is the finest, the measure itself.
     let (mut chosen, mut got) = (last, 0.0);
-    let mut goal = asked * SAFETY;
+    let (mut goal, mut from) = (asked * SAFETY, 0);
     for round in 0..ROUNDS {
-        let mut at = 0;
+        let mut at = from;
         while at < last && tried_on_few(at)? > goal {
             at += 1;
         }
-        let others = if at == last { Vec::new() } else { unseen(round) };
-        let judged = if others.is_empty() {
-            tried_on_few(at)?
-        } else {
-            error_of(cloud, settings, &solve(&others, at)?, &solve(&others, last)?, 1 + round as u64)
-        };
+        if at == last {
+            break;
+        }
+        let others = unseen(round);
+        if others.is_empty() {
+            return Err(BakeError::NotReached {
+                what: "clouds.budget.solver_l2".into(),
+                wanted: "unseen strokes to judge by".into(),
+                reached: "none that the lamps reach".into(),
+                hint: "strokes in the recipe, or a larger reach without prune, would give some".into(),
+            });
+        }
+        let found = solve(&others, at)?;
+        let judged = error_of(cloud, settings, &found, &solve(&others, last)?, 1 + round as u64);
         if judged <= asked {
             (chosen, got) = (at, judged);
             break;
         }
+        // What unseen strokes refused once is not offered to others.
+        from = at + 1;
         goal *= TIGHTER * asked / judged;
     }
     // The neighbours' figures are those of the strokes that choose.
     let mut next_better = None;
-    if chosen < last {
-        next_better = Some(words(&candidates[chosen + 1], tried_on_few(chosen + 1)?));
+    for at in chosen + 1..candidates.len() {
+        let error = tried_on_few(at)?;
+        if error < tried_on_few(chosen)? {
+            next_better = Some(words(&candidates[at], error));
+            break;
+        }
     }
     let mut cheaper: Option<(usize, f64)> = None;
     for at in 0..chosen {

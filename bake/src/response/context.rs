@@ -233,7 +233,6 @@ impl<'a> Context<'a> {
                 }
                 progress.advance(1);
                 let direct_to_eyes = self.direct_to_eyes(lamps);
-                let direct = if self.in_rows() { vec![0.0; direct.len()] } else { direct };
                 let seen = seen.clone();
                 Ok(TestStroke {
                     lamps: lamps.clone(),

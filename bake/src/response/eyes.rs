@@ -117,32 +117,38 @@ fn solve(
 /// polynomials of degree 2 are a match for harmonics of degree 3.
 const APART: f64 = 2.0;
 
-/// Whether eyes are far enough away for channels towards them.
+/// Whether eyes are far enough away for channels towards them, a single one too: a cell away at least.
 pub fn stand_apart(cloud: &Cloud, eyes: &EyeBox) -> bool {
     let centre = DVec3::from_array(eyes.centre());
-    let nearest = centre.clamp(cloud.origin_m, cloud.far_corner());
-    cloud.boundary == Boundary::Open
-        && centre.distance(nearest) >= APART * DVec3::from_array(eyes.half()).length()
+    let nearest = centre.distance(centre.clamp(cloud.origin_m, cloud.far_corner()));
+    let least =
+        (APART * DVec3::from_array(eyes.half()).length()).max(DVec3::from_array(cloud.cell_m).length());
+    cloud.boundary == Boundary::Open && nearest >= least
 }
 
 /// Optical depth behind which no eye sees: pictures give up at a share of 10⁻⁶ of the light.
 pub const DEEPEST: f32 = 13.815_511;
 /// Most eyes along an edge of the box, faces included, from which cells are looked for.
-const MOST_LOOKOUTS: usize = 17;
+const MOST_LOOKOUTS: usize = 9;
+/// Most rounds of taking in the cells beside those found.
+const MOST_ROUNDS: usize = 8;
 
-/// Cells that an eye of the box can see: through an optical depth of less than [`DEEPEST`]. Cells are looked for from eyes on a lattice
-/// so fine that what hides a cell from one of them, wherever it stands in the grid, moves across by no more than a cell until the
-/// next sees it; the cells beside those found are taken too, twice: once for that, once because light is read between cells.
+/// Cells that an eye of the box can see: through an optical depth of less than [`DEEPEST`], traced to their middles from a lattice of
+/// eyes, and the cells beside those, in so many rounds that what shows through a gap to an eye between two of the lattice is among
+/// them, wherever the gap and what shows through it stand; and once more, as light is read between cells.
 ///
-/// Billows that pictures cut into edges let eyes look deeper than the grid alone: pictures end at a share of 2 · 10⁻³ (an optical depth
-/// of 6.2), which leaves 7.6 for them.
+/// Extinction is the grid's, constant within a cell. Pictures cut billows into its edges, or read it between middles, and look deeper
+/// there than the grid lets through: they end at a share of 2 · 10⁻³ (an optical depth of 6.2), which leaves 7.6 for that. A slit in the
+/// shadow of whole cells may show to some eye a sliver of a cell whose middle no lattice eye sees, beyond those rounds; it is filled
+/// from the cells around it.
 ///
-/// `None` where that cannot be said: eyes that do not stand apart, a lattice that would be too fine.
+/// `None` where that cannot be said: eyes that do not stand apart, or so near before so deep a cloud that it would take too many
+/// rounds.
 pub fn visible(cloud: &Cloud, eyes: &EyeBox) -> Option<Vec<bool>> {
     if !stand_apart(cloud, eyes) {
         return None;
     }
-    let lookouts = lookouts(cloud, eyes)?;
+    let (lookouts, rounds) = lookouts(cloud, eyes)?;
     let tracer = Tracer::new(cloud, 1.0);
     let half_diagonal = 0.5 * DVec3::from_array(cloud.cell_m).length() as f32;
     let sees = |cell: usize| {
@@ -153,26 +159,46 @@ pub fn visible(cloud: &Cloud, eyes: &EyeBox) -> Option<Vec<bool>> {
                 .iter()
                 .any(|&eye| tracer.optical_depth(eye, middle) - extinction * half_diagonal < DEEPEST)
     };
-    let seen: Vec<bool> = (0..cloud.shape.len()).into_par_iter().map(sees).collect();
-    Some(cloud.beside(&cloud.beside(&seen)))
+    let mut seen: Vec<bool> = (0..cloud.shape.len()).into_par_iter().map(sees).collect();
+    for _ in 0..rounds {
+        seen = cloud.beside(&seen);
+    }
+    Some(seen)
 }
 
-/// The lattice of eyes; `None` where it would need too many.
-fn lookouts(cloud: &Cloud, eyes: &EyeBox) -> Option<Vec<DVec3>> {
-    let centre = DVec3::from_array(eyes.centre());
-    let radius = DVec3::from_array(eyes.half()).length();
-    let nearest = centre.distance(centre.clamp(cloud.origin_m, cloud.far_corner())) - radius;
-    let depth = cloud.origin_m.distance(cloud.far_corner());
-    // An eye that moves by δ sees what is hidden `depth` behind an edge move by δ depth/(nearest + depth) at most.
-    let share = depth / (nearest + depth);
+/// The lattice of eyes, and the rounds that go with it; `None` where those would be too many.
+fn lookouts(cloud: &Cloud, eyes: &EyeBox) -> Option<(Vec<DVec3>, usize)> {
+    let (low, high) = (DVec3::from_array(eyes.low_m), DVec3::from_array(eyes.high_m));
+    let half_diagonal = 0.5 * DVec3::from_array(cloud.cell_m).length();
+    // How near and how far from any eye of the box there is cloud.
+    let (mut nearest, mut farthest) = (f64::INFINITY, 0.0f64);
+    for cell in (0..cloud.shape.len()).filter(|&cell| cloud.extinction[cell] > 0.0) {
+        let middle = cloud.centre(cloud.shape.cell(cell));
+        nearest = nearest.min(middle.distance(middle.clamp(low, high)) - half_diagonal);
+        let away = (middle - low).abs().max((middle - high).abs());
+        farthest = farthest.max(away.length() + half_diagonal);
+    }
+    if nearest <= 0.0 {
+        return None;
+    }
+    // Through a fixed gap at the cloud's near end, an eye that moves by δ sees its far end move by this times δ.
+    let share = ((farthest - nearest) / nearest).max(0.0);
     let finest = cloud.cell_m.iter().fold(f64::INFINITY, |least, &edge| least.min(edge));
-    let count = |axis: usize| -> Option<usize> {
+    let (mut counts, mut moved) = ([1; 3], 0.0f64);
+    for (axis, count) in counts.iter_mut().enumerate() {
         let edge = 2.0 * eyes.half()[axis];
-        // From the middle between two eyes to either of them is half their distance.
-        let gaps = (edge * share / (2.0 * finest)).ceil();
-        (gaps < MOST_LOOKOUTS as f64).then_some(1 + gaps as usize)
-    };
-    let counts = [count(0)?, count(1)?, count(2)?];
+        if edge > 0.0 {
+            // An eye between two is half their distance from the nearer.
+            let gaps = (edge * share / (2.0 * finest)).ceil().clamp(1.0, (MOST_LOOKOUTS - 1) as f64);
+            *count = 1 + gaps as usize;
+            let half_gap = edge / gaps / 2.0;
+            moved += half_gap * half_gap;
+        }
+    }
+    let rounds = (libm::sqrt(moved) * share / finest).ceil().max(1.0) + 1.0;
+    if rounds > MOST_ROUNDS as f64 {
+        return None;
+    }
     let place = |at: usize, count: usize| 2.0 * at as f64 / (count.max(2) - 1) as f64 - 1.0;
     let mut found = Vec::with_capacity(counts.iter().product());
     for z in 0..counts[2] {
@@ -183,7 +209,7 @@ fn lookouts(cloud: &Cloud, eyes: &EyeBox) -> Option<Vec<DVec3>> {
             }
         }
     }
-    Some(found)
+    Some((found, rounds as usize))
 }
 
 #[cfg(test)]
@@ -318,12 +344,54 @@ mod tests {
     }
 
     #[test]
+    fn a_wall_far_behind_a_gap_before_near_eyes_is_found_whole_or_nothing_is_hidden() {
+        // Eyes 200 m before a front a cell thick with one cell missing, a wall far behind it.
+        for (far, hides) in [(9u32, true), (89, true), (200, false)] {
+            let shape = GridShape::new(61, far + 1, 9);
+            let extinction = (0..shape.len()).map(|cell| match shape.cell(cell) {
+                [30, 0, 4] => 0.0,
+                [_, 0, _] => 1.0,
+                [_, y, _] if y == far as usize => 1.0,
+                _ => 0.0,
+            });
+            let cloud = Cloud {
+                shape,
+                cell_m: [100.0; 3],
+                origin_m: DVec3::new(-3050.0, 200.0, -450.0),
+                extinction: extinction.collect(),
+                albedo: 0.99,
+                g: 0.85,
+                boundary: Boundary::Open,
+            };
+            let eyes = EyeBox { low_m: [-90.0, 0.0, -10.0], high_m: [90.0, 0.0, 10.0] };
+            let found = visible(&cloud, &eyes);
+            assert_eq!(found.is_some(), hides, "a wall in row {far}");
+            let Some(seen) = found else { continue };
+            let tracer = Tracer::new(&cloud, 1.0);
+            let mut met = 0;
+            for at in 0..61 * 9 * 41 {
+                let (x, z, eye) = (at % 61, at / 61 % 9, at / (61 * 9));
+                let eye = DVec3::from_array(eyes.point([f64::from(eye as u32) / 20.0 - 1.0, 0.0, 0.3]));
+                // The near side of the cell.
+                let point = cloud.centre([x, far as usize, z]) - DVec3::Y * 49.0;
+                if tracer.optical_depth(eye, point) < DEEPEST {
+                    met += 1;
+                    assert!(seen[shape.index(x, far as usize, z)], "cell {x}, {z} of wall {far} from {eye}");
+                }
+            }
+            assert!(met > 100, "{met} sights of wall {far}");
+        }
+    }
+
+    #[test]
     fn nothing_is_hidden_from_eyes_that_are_near_or_under_a_cloud_without_end() {
         let dense = cloud(|_| 0.1);
         let around = EyeBox { low_m: [-5000.0, -5000.0, 0.0], high_m: [5000.0, 5000.0, 5000.0] };
         assert!(visible(&dense, &around).is_none());
         let near = EyeBox { low_m: [-250.0, 0.0, 0.0], high_m: [250.0, 800.0, 300.0] };
         assert!(visible(&dense, &near).is_none());
+        let inside = dense.centre([6, 10, 4]).to_array();
+        assert!(visible(&dense, &EyeBox { low_m: inside, high_m: inside }).is_none());
         let endless = Cloud { boundary: Boundary::PeriodicXy, ..dense.clone() };
         assert!(visible(&dense, &EYES).is_some() && visible(&endless, &EYES).is_none());
     }

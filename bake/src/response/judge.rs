@@ -162,14 +162,13 @@ impl Views {
 
     /// A test stroke's light, solved directly, and the part of it that the runtime adds itself.
     pub fn truth(&self, test: &TestStroke, direct_term: DirectTerm) -> (Vec<f32>, Vec<f32>) {
-        if direct_term == DirectTerm::InRows {
-            let none = self.between(&test.direct);
-            return (self.between(&test.truth), none);
-        }
         // Light that was scattered on its way has no more than the solver's degree in it, direct light has.
         let rest: Vec<f32> = test.truth.iter().zip(&test.direct).map(|(all, direct)| all - direct).collect();
-        let (mut truth, direct) = (self.smooth(&rest), self.direct(test));
+        let (mut truth, mut direct) = (self.smooth(&rest), self.direct(test));
         truth.iter_mut().zip(&direct).for_each(|(sum, direct)| *sum += direct);
+        if direct_term == DirectTerm::InRows {
+            direct.fill(0.0);
+        }
         (truth, direct)
     }
 }
