@@ -79,11 +79,6 @@ impl EyeFrame {
         Self { centre, half: eyes.half(), axes: [ahead, first, cross(ahead, first)] }
     }
 
-    /// Unit vector from a cell's middle to the box's; `None` in the middle itself.
-    pub fn towards(&self, cell: [f64; 3]) -> Option<[f64; 3]> {
-        unit(minus(self.centre, cell))
-    }
-
     /// The polynomials at a cell in unit direction `towards` an eye: 1, √3 p, √3 q, (√5/2)(3p² − 1), 3pq, (√5/2)(3q² − 1), which
     /// are orthonormal over p and q evenly spread in −1…1, as the eyes of a distant box that faces the cell are.
     pub fn functions(&self, cell: [f64; 3], towards: [f64; 3]) -> [f64; MAX_EYE_FUNCTIONS] {

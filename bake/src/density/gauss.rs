@@ -2,39 +2,22 @@
 
 use squall_formats::drops;
 use squall_formats::units::Millimetres;
+use squall_runtime::transport::quadrature::gauss_legendre;
 
 /// Gauss and Legendre's rule on [−1, 1].
 pub(crate) struct GaussRule {
-    points: Vec<[f64; 2]>,
+    points: Vec<(f64, f64)>,
 }
 
 impl GaussRule {
-    /// `count` points and weights, by Newton's method on the Legendre polynomial.
+    /// `count` points and weights.
     pub fn new(count: usize) -> Self {
-        let point = |i: usize| {
-            let mut x = libm::cos(std::f64::consts::PI * (i as f64 + 0.75) / (count as f64 + 0.5));
-            let mut slope = 1.0;
-            for _ in 0..100 {
-                let (mut previous, mut value) = (1.0, x);
-                for n in 2..=count {
-                    let n = n as f64;
-                    (previous, value) = (value, ((2.0 * n - 1.0) * x * value - (n - 1.0) * previous) / n);
-                }
-                slope = count as f64 * (x * value - previous) / (x * x - 1.0);
-                let step = value / slope;
-                x -= step;
-                if step.abs() < 1e-15 {
-                    break;
-                }
-            }
-            [x, 2.0 / ((1.0 - x * x) * slope * slope)]
-        };
-        Self { points: (0..count).map(point).collect() }
+        Self { points: gauss_legendre(count) }
     }
 
     pub fn over(&self, from: f64, to: f64, f: &impl Fn(f64) -> f64) -> f64 {
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-        self.points.iter().map(|[x, weight]| weight * f(middle + half * x)).sum::<f64>() * half
+        self.points.iter().map(|(x, weight)| weight * f(middle + half * x)).sum::<f64>() * half
     }
 
     /// ∫ f dD over a class: in two where the fall speed jumps inside it, and each in pieces short enough

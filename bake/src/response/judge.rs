@@ -237,12 +237,7 @@ pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Re
     jury.verdict(relighter, tests)
 }
 
-/// Errors of `found` against `wanted`, both 26 values a cell.
-pub fn compare(found: &[f32], wanted: &[f32]) -> RelitError {
-    compare_views(found, wanted, &sphere::weights_26())
-}
-
-/// The same for `weights.len()` values a cell, each of which counts for its weight; weights sum to 1.
+/// Errors of `found` against `wanted`, `weights.len()` values a cell each of which counts for its weight; weights sum to 1.
 fn compare_views(found: &[f32], wanted: &[f32], weights: &[f64]) -> RelitError {
     let peak = wanted.iter().fold(0.0f32, |peak, &v| peak.max(v.abs()));
     let (mut square, mut wanted_square) = (0.0, 0.0);
