@@ -6,12 +6,12 @@
 use squall_bake::budget::cost;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::judge::test_strokes;
+use squall_bake::response::evaluate::test_strokes;
 use squall_bake::storm;
 use squall_formats::container;
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_runtime::Asset;
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -57,8 +57,8 @@ fn main() {
     let cloud = relighter.cloud();
     let strokes = test_strokes(cloud, relighter.reach(), |point| relighter.reaches(point), 40.0, 0..64);
     let mut buffers = RelightBuffers::default();
-    let mut touched = |lamps: &[LampPoint]| relighter.weigh(lamps, &mut buffers).unwrap().len();
-    let stroke = strokes.iter().min_by_key(|lamps| touched(lamps).abs_diff(SOURCES)).unwrap();
+    let mut touched = |lights: &[PointLight]| relighter.weigh(lights, &mut buffers).unwrap().len();
+    let stroke = strokes.iter().min_by_key(|lights| touched(lights).abs_diff(SOURCES)).unwrap();
 
     let mut buffers = RelightBuffers::default();
     let start = Instant::now();

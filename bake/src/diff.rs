@@ -3,13 +3,12 @@
 //! A part's distance is its own error measure, with the second asset in the place of the truth.
 
 use crate::error::BakeError;
-use crate::response::judge::{ViewFactors, Views, test_strokes};
+use crate::response::evaluate::{ViewFactors, Views, test_strokes};
 use crate::streak::{draw, quality};
 use serde::Serialize;
 use squall_formats::Tag;
 use squall_formats::container::Entry;
 use squall_formats::drops::View;
-use squall_formats::eyes::EyeBox;
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
@@ -17,9 +16,10 @@ use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::response::ResponseSection;
 use squall_formats::section::streak::StreakSection;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
+use squall_formats::view_region::ViewRegion;
 use squall_runtime::Asset;
 use squall_runtime::density::lookup_counts;
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, eye_frame};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter, view_region_frame};
 use squall_runtime::stroke::Stroke;
 
 /// Everything that differs between assets A and B; nothing where they are the same.
@@ -232,19 +232,21 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     }
     let Some(views) = common_views(&x, &r, found) else { return Ok(()) };
     let head = |relighter: &Relighter<'_>| {
-        let frame = relighter.eyes().map(|eyes| eye_frame(eyes, relighter.cloud()));
+        let frame =
+            relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
         views.factors(relighter.response().head.channels, frame.as_ref())
     };
     let factors = [head(&x), head(&r)];
-    let both = |lamp: &LampPoint| x.reaches(lamp.position) && r.reaches(lamp.position);
-    let mut strokes: Vec<Vec<LampPoint>> = Vec::new();
+    let both = |light: &PointLight| x.reaches(light.position) && r.reaches(light.position);
+    let mut strokes: Vec<Vec<PointLight>> = Vec::new();
     for asset in [a, b] {
         if strokes.is_empty() && asset.directory().find(BoltSection::TAG).is_some() {
             let section = asset.section(BoltSection::TAG, "the strokes", BoltSection::read)?;
-            let lamps = section.strokes.iter().map(|record| Stroke::grow(record).lamps(0.0));
-            strokes
-                .extend(lamps.map(|lamps| lamps.into_iter().filter(|lamp| both(lamp)).collect::<Vec<_>>()));
-            strokes.retain(|lamps| !lamps.is_empty());
+            let lights = section.strokes.iter().map(|record| Stroke::grow(record).lights(0.0));
+            strokes.extend(
+                lights.map(|lights| lights.into_iter().filter(|light| both(light)).collect::<Vec<_>>()),
+            );
+            strokes.retain(|lights| !lights.is_empty());
         }
     }
     if strokes.is_empty() {
@@ -258,10 +260,10 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         return Ok(());
     }
     let (mut square, mut tail, mut median) = (0.0, 0.0f64, 0.0f64);
-    for lamps in &strokes {
+    for lights in &strokes {
         let light = |relighter: &Relighter<'_>, factors: &ViewFactors| -> Result<Vec<f32>, BakeError> {
             let mut buffers = RelightBuffers::default();
-            Ok(views.light(&relighter.relight(lamps, RelightOptions::default(), &mut buffers)?, factors))
+            Ok(views.light(&relighter.relight(lights, RelightOptions::default(), &mut buffers)?, factors))
         };
         let error = views.compare(&light(&x, &factors[0])?, &light(&r, &factors[1])?);
         square += error.l2 * error.l2;
@@ -279,21 +281,23 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
 /// that is said; `None` where nothing is left to compare.
 fn common_views(x: &Relighter<'_>, r: &Relighter<'_>, found: &mut Difference) -> Option<Views> {
     let tag = ResponseSection::TAG;
-    let words = |eyes: Option<&EyeBox>| match eyes {
-        Some(EyeBox { low_m, high_m }) => format!("eyes between {low_m:?} and {high_m:?} m"),
+    let words = |view_region: Option<&ViewRegion>| match view_region {
+        Some(ViewRegion { low_m, high_m }) => format!("eyes between {low_m:?} and {high_m:?} m"),
         None => "eyes anywhere".to_owned(),
     };
-    let eyes = match (x.eyes(), r.eyes()) {
-        (Some(x), Some(r)) => Some(EyeBox {
+    let view_region = match (x.view_region(), r.view_region()) {
+        (Some(x), Some(r)) => Some(ViewRegion {
             low_m: std::array::from_fn(|axis| x.low_m[axis].max(r.low_m[axis])),
             high_m: std::array::from_fn(|axis| x.high_m[axis].min(r.high_m[axis])),
         }),
         (x, r) => x.or(r).copied(),
     };
-    if x.eyes() != r.eyes() {
-        found.cannot(tag, format!("baked for {} beside {}", words(x.eyes()), words(r.eyes())));
+    if x.view_region() != r.view_region() {
+        found.cannot(tag, format!("baked for {} beside {}", words(x.view_region()), words(r.view_region())));
     }
-    if eyes.is_some_and(|eyes| (0..3).any(|axis| eyes.low_m[axis] > eyes.high_m[axis])) {
+    if view_region
+        .is_some_and(|view_region| (0..3).any(|axis| view_region.low_m[axis] > view_region.high_m[axis]))
+    {
         found.cannot(tag, "boxes of eyes that do not meet");
         return None;
     }
@@ -304,7 +308,7 @@ fn common_views(x: &Relighter<'_>, r: &Relighter<'_>, found: &mut Difference) ->
         let [x, r, common] = [count(&known_x), count(&known_r), count(&both)];
         found.cannot(tag, format!("light in {x} cells beside {r}; compared in the {common} of both"));
     }
-    both.contains(&true).then(|| Views::new(x.cloud(), eyes.as_ref(), 0, |cell| both[cell]))
+    both.contains(&true).then(|| Views::new(x.cloud(), view_region.as_ref(), 0, |cell| both[cell]))
 }
 
 fn compare_streaks(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod budget;
+pub mod candidate;
 pub mod chart;
 pub mod cloud;
 pub mod compress;
@@ -23,6 +24,5 @@ pub mod response;
 pub mod storm;
 pub mod streak;
 pub mod synth;
-pub mod trial;
 
 pub use error::BakeError;

@@ -22,7 +22,7 @@ mod traverse;
 use crate::error::BakeError;
 use crate::fields::{Estimate, Fields, orthographic};
 use crate::progress::Progress;
-use image::Eye;
+use image::Viewpoint;
 use phase::Phase;
 use photon::{Power, Scene, Tally};
 use rayon::prelude::*;
@@ -121,12 +121,12 @@ pub fn solve_by_chance(
         return Err(RuntimeError::argument("beam direction", wanted, direction).into());
     }
     let grid = Grid::new(cloud);
-    let eyes =
-        cameras.iter().map(|(name, camera)| Eye::new(&grid, name, camera)).collect::<Result<_, _>>()?;
+    let view_region =
+        cameras.iter().map(|(name, camera)| Viewpoint::new(&grid, name, camera)).collect::<Result<_, _>>()?;
     let towards = orthographic(cameras).map(|(_, camera)| -camera.forward).collect();
-    let scene = Scene { grid, albedo: cloud.albedo, phase: Phase::new(cloud.g), towards, eyes };
+    let scene = Scene { grid, albedo: cloud.albedo, phase: Phase::new(cloud.g), towards, view_region };
     let cells = cloud.shape.len();
-    let pixels: usize = scene.eyes.iter().map(Eye::pixels).sum();
+    let pixels: usize = scene.view_region.iter().map(Viewpoint::pixels).sum();
     let batch_bytes = (cells * scene.stride() + pixels) * size_of::<f64>();
     if 3 * batch_bytes > MAX_BYTES {
         let wanted = format!("at most {} values of cells and pixels", MAX_BYTES / 3 / size_of::<f64>());
@@ -227,8 +227,8 @@ impl Sums {
         let stride = scene.stride();
         Self {
             cells: Moments::new(cells * stride),
-            images: scene.eyes.iter().map(|eye| Moments::new(eye.pixels())).collect(),
-            maps: Moments::new(stride + scene.eyes.len()),
+            images: scene.view_region.iter().map(|eye| Moments::new(eye.pixels())).collect(),
+            maps: Moments::new(stride + scene.view_region.len()),
             power: Moments::new(10),
             stride,
             count: 0.0,

@@ -49,7 +49,7 @@ pub struct Clouds {
     /// Optics that override the scene's.
     pub optics: Optics,
     /// Where virtual lamps stand.
-    pub lamps: Lamps,
+    pub lights: Lamps,
     /// Distant light to bake beside them.
     pub distant: Vec<DistantKind>,
     /// How to solve, and how to store.

@@ -18,13 +18,13 @@ use crate::progress::Progress;
 use crate::response::add_direct;
 use glam::DVec3;
 use rayon::prelude::*;
-use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere::{self, MAX_HARMONICS};
 use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::flash::{self, DirectSettings};
 use squall_runtime::live::{DirectCells, LiveLight, LiveSolver};
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter, Relit};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter, Relit};
 use squall_runtime::shade::cloud::{LitCloud, corners, direction_to};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
@@ -43,7 +43,7 @@ pub enum DirectFrom {
 const EXACT_WORK: usize = 1 << 18;
 /// Rays that a perspective picture's direct light per cell is made of, over all lamps, and for one lamp at least and at most.
 const CELL_RAYS: usize = 1 << 22;
-const CELL_RAYS_PER_LAMP: [usize; 2] = [1024, 1 << 16];
+const CELL_RAYS_PER_LIGHT: [usize; 2] = [1024, 1 << 16];
 
 /// Direct rays per boundary face of the solve grid and axis for light that is taken out of rows: a recipe's usual number has to
 /// be met, not bettered.
@@ -55,14 +55,16 @@ const MANY_LAMPS: usize = 64;
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct RelitReport {
     /// Lamps in all.
-    pub lamps: usize,
+    #[serde(rename = "lamps")]
+    pub lights: usize,
     /// Lamps outside the asset's reach, solved for on the spot.
-    pub lamps_outside: usize,
+    #[serde(rename = "lamps_outside")]
+    pub lights_outside: usize,
     /// Virtual sources touched.
     pub sources: usize,
     /// Smallest and largest corner of the box in which lamps can be relit, m; parts of it may not have been baked.
     pub reach_m: [[f64; 3]; 2],
-    /// `rows` or `lamps`.
+    /// `rows` or `lights`.
     pub direct: &'static str,
     /// Weights, sum over rows and inverse transforms, ms. The first time rows are read, checksums included.
     pub relight_ms: f64,
@@ -95,13 +97,13 @@ struct LitCells<'a> {
     direct: Vec<f32>,
 }
 
-/// Relights the asset's cloud by `lamps`, as `camera` sees it; with `cells` the per-cell fields too.
+/// Relights the asset's cloud by `lights`, as `camera` sees it; with `cells` the per-cell fields too.
 ///
 /// Errors: rows without direct light asked for theirs, a camera or fields that the asset was not baked for, a damaged row, a live
 /// solve that does not converge, an interruption.
 pub fn relight(
     relighter: &Relighter<'_>,
-    lamps: &[LampPoint],
+    lights: &[PointLight],
     (name, camera): (&str, &Camera),
     direct_from: Option<DirectFrom>,
     cells: bool,
@@ -109,7 +111,7 @@ pub fn relight(
 ) -> Result<(Fields, RelitReport), BakeError> {
     let (cloud, head) = (relighter.cloud(), &relighter.response().head);
     relighter.check_camera(camera)?;
-    if let (true, ChannelBasis::Eyes { .. }) = (cells, head.channels) {
+    if let (true, DirectionalBasis::ViewRegion { .. }) = (cells, head.channels) {
         let wanted = "channels over the whole sphere: the asset's hold light towards eyes alone, and pictures can be made of them";
         return Err(RuntimeError::argument("fields", wanted, "fluence per cell asked for").into());
     }
@@ -119,8 +121,8 @@ pub fn relight(
         let (wanted, found) = ("\"lamps\": the asset's rows hold no direct light", "\"rows\"");
         return Err(RuntimeError::argument("direct light", wanted, found).into());
     }
-    let (inside, outside): (Vec<LampPoint>, Vec<LampPoint>) =
-        lamps.iter().partition(|lamp| relighter.reaches(lamp.position));
+    let (inside, outside): (Vec<PointLight>, Vec<PointLight>) =
+        lights.iter().partition(|light| relighter.reaches(light.position));
 
     let start = Instant::now();
     let mut buffers = RelightBuffers::default();
@@ -130,16 +132,21 @@ pub fn relight(
     let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
     let size = norm(&mut planes.iter().map(|&v| f64::from(v)));
     let bound = norm(&mut relighter.error_bounds(&buffers).into_iter());
-    let virtual_lamps = relighter.virtual_lamps(&buffers);
+    let virtual_lights = relighter.virtual_lights(&buffers);
 
     let solver = LiveSolver::new(cloud, &head.solver)?;
     let samples = match automatic_samples(head.solver.refine.into_iter().min().unwrap_or(1)) {
-        fine if lamps.len() <= MANY_LAMPS => fine,
+        fine if lights.len() <= MANY_LAMPS => fine,
         fine => fine.min(2),
     };
     let directions = sphere::directions_26().map(DVec3::from_array);
     let strip = |planes: &mut [f32]| {
-        add_direct(basis, &solver.direct(&virtual_lamps, &directions, SAMPLES_OF_ROWS).towards, -1.0, planes);
+        add_direct(
+            basis,
+            &solver.direct(&virtual_lights, &directions, SAMPLES_OF_ROWS).towards,
+            -1.0,
+            planes,
+        );
     };
     if in_rows && from == DirectFrom::Lamps {
         strip(&mut planes);
@@ -155,7 +162,7 @@ pub fn relight(
         true => None,
         false => Some(solve_outside(&solver, &outside_direct, progress)?),
     };
-    let rays = if from == DirectFrom::Lamps { lamps } else { &outside };
+    let rays = if from == DirectFrom::Lamps { lights } else { &outside };
     let exact = rays.len() * (camera.width * camera.height) as usize <= EXACT_WORK;
 
     let mut fields = Fields::default();
@@ -175,7 +182,7 @@ pub fn relight(
         let mut known = direct.clone();
         if from == DirectFrom::Rows {
             strip(&mut bare);
-            known.add(&solver.direct(&virtual_lamps, &[], SAMPLES_OF_ROWS));
+            known.add(&solver.direct(&virtual_lights, &[], SAMPLES_OF_ROWS));
         }
         let bare = LitCells { rows: Relit { planes: &bare, ..rows }, direct: Vec::new(), ..lit };
         // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
@@ -200,12 +207,12 @@ pub fn relight(
     let lights: Vec<Light> = rays
         .iter()
         .filter(|_| exact)
-        .map(|lamp| Light::Point { position: lamp.position, intensity: lamp.intensity })
+        .map(|light| Light::Point { position: light.position, intensity: light.intensity })
         .collect();
     if !exact {
         lit.direct = match cell_direct {
             Some(direct) if !towards.is_empty() => direct.towards,
-            _ => towards_eye(relighter, rays, camera),
+            _ => towards_viewer(relighter, rays, camera),
         };
     }
     progress.begin("image", u64::from(camera.height));
@@ -214,9 +221,9 @@ pub fn relight(
     let image: Vec<f32> = image.into_iter().map(|value| value.max(0.0)).collect();
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
     let report = RelitReport {
-        lamps: lamps.len(),
-        lamps_outside: outside.len(),
-        sources: virtual_lamps.len(),
+        lights: lights.len(),
+        lights_outside: outside.len(),
+        sources: virtual_lights.len(),
         reach_m: relighter.reach().map(|corner| corner.to_array()),
         direct: if from == DirectFrom::Rows { "rows" } else { "lamps" },
         relight_ms,
@@ -244,16 +251,16 @@ fn solve_outside(
 }
 
 /// J of direct light towards a perspective camera, mean per cell.
-fn towards_eye(relighter: &Relighter<'_>, lamps: &[LampPoint], camera: &Camera) -> Vec<f32> {
+fn towards_viewer(relighter: &Relighter<'_>, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
     let cloud = relighter.cloud();
-    let eyes: Vec<[f32; 3]> = (0..cloud.shape.len())
+    let view_region: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
         .collect();
-    let [fewest, most] = CELL_RAYS_PER_LAMP;
-    let rays_per_point = (CELL_RAYS / lamps.len().max(1)).clamp(fewest, most) as u32;
+    let [fewest, most] = CELL_RAYS_PER_LIGHT;
+    let rays_per_point = (CELL_RAYS / lights.len().max(1)).clamp(fewest, most) as u32;
     let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
     let mut j = vec![0.0; cloud.shape.len()];
-    flash::add_direct(cloud, relighter.extinction_scale(), lamps, &eyes, settings, &mut j);
+    flash::add_direct(cloud, relighter.extinction_scale(), lights, &view_region, settings, &mut j);
     j
 }
 
@@ -273,9 +280,9 @@ fn look(
         longest_step: shortest(cloud.cell_m),
     };
     // Light towards eyes alone is that of each cell towards this one.
-    let for_eyes = matches!(lit.rows.basis, ChannelBasis::Eyes { .. });
+    let for_view_region = matches!(lit.rows.basis, DirectionalBasis::ViewRegion { .. });
     let even = match camera.projection {
-        Projection::Perspective { .. } if !for_eyes => None,
+        Projection::Perspective { .. } if !for_view_region => None,
         _ => {
             let mut j = lit.towards(cloud, |cell| direction_to(camera, cell));
             j.iter_mut().zip(&lit.direct).for_each(|(sum, value)| *sum += value);

@@ -7,11 +7,11 @@
 
 mod context;
 pub mod directions;
-pub mod eyes;
-pub mod judge;
-pub mod lamps;
+pub mod evaluate;
+pub mod hidden;
+pub mod lights;
 mod solved;
-pub mod unseen;
+pub mod view_region;
 
 use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
@@ -19,16 +19,16 @@ use crate::progress::Progress;
 use context::{Batch, Context, Work};
 pub use directions::{add_direct, in_26_directions};
 use glam::DVec3;
-pub use lamps::{LampGrid, LampSpacing, lamp_grid};
+pub use lights::{LightGrid, LightSpacing, light_grid};
 use rayon::prelude::*;
 pub use solved::SolvedRows;
-use solved::TowardsEyes;
-use squall_formats::eyes::EyeBox;
+use solved::TowardsViewRegion;
 use squall_formats::section::response::{
-    ChannelBasis, Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
+    Codec, DirectTerm, DirectionalBasis, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
     SolverRecord, SourceBasis, pack_seen,
 };
-use squall_runtime::relight::LampPoint;
+use squall_formats::view_region::ViewRegion;
+use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::quadrature::Quadrature;
@@ -36,7 +36,7 @@ use squall_runtime::transport::solve::{SolveSettings, Solver};
 use std::sync::Arc;
 
 /// What polynomials towards eyes are made from.
-const SOLVED: ChannelBasis = ChannelBasis::Harmonics { degree: 3 };
+const SOLVED: DirectionalBasis = DirectionalBasis::Harmonics { degree: 3 };
 
 /// Lamps solved side by side.
 pub const BATCH: usize = 16;
@@ -47,17 +47,17 @@ const BATCHES_AT_ONCE: usize = 16;
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseSettings {
     /// Directions, harmonics, or polynomials towards eyes.
-    pub channels: ChannelBasis,
+    pub channels: DirectionalBasis,
     /// Direct light in the rows or left to the runtime.
     pub direct: DirectTerm,
     /// How coefficients are stored.
     pub codec: Codec,
     /// How far a source may be off, relative to its own L2 norm.
     pub relative_error: f64,
-    /// Leave out the light of cells that no ray shades with: [`unseen`].
+    /// Leave out the light of cells that no ray shades with: [`hidden`].
     pub seen_only: bool,
     /// Where eyes may stand; anywhere where absent. With `seen_only`, cells that none of them sees are left out too.
-    pub eyes: Option<EyeBox>,
+    pub view_region: Option<ViewRegion>,
     /// Solve cells per stored cell and axis.
     pub refine: u32,
     /// Direct rays per boundary face of the solve grid and axis.
@@ -70,7 +70,7 @@ pub struct ResponseSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sources {
     /// Virtual lamps.
-    pub lamps: LampGrid,
+    pub lights: LightGrid,
     /// Distant light.
     pub distant: Vec<DistantKind>,
 }
@@ -93,14 +93,14 @@ pub struct BakedResponse {
 #[derive(Clone, Debug)]
 pub struct TestStroke {
     /// The stroke's points.
-    pub lamps: Vec<LampPoint>,
+    pub lights: Vec<PointLight>,
     /// J in the 26 directions, cells outermost: the stroke solved directly, all light.
     pub truth: Vec<f32>,
     /// The direct part of that, which the runtime adds itself with [`DirectTerm::AtRunTime`].
     pub direct: Vec<f32>,
     /// J of direct light, cell means, towards the middle of the eyes' box; empty without eyes. It is what stroke errors towards eyes are
     /// relative to, beside what was scattered: 26 directions are too few to read a narrow phase function between.
-    pub direct_to_eyes: Vec<f32>,
+    pub direct_to_viewers: Vec<f32>,
     /// Σ e_l b_l from the solved rows before compression, in the response's channels, one plane a channel.
     pub uncompressed: Vec<f32>,
     /// Which cells are judged; all where empty.
@@ -114,7 +114,7 @@ pub fn bake_response(
     cloud: &Cloud,
     sources: &Sources,
     settings: &ResponseSettings,
-    strokes: &[Vec<LampPoint>],
+    strokes: &[Vec<PointLight>],
     progress: &dyn Progress,
 ) -> Result<BakedResponse, BakeError> {
     let count = settings.channels.count();
@@ -139,7 +139,7 @@ pub fn solve_rows(
     cloud: &Cloud,
     sources: &Sources,
     settings: &ResponseSettings,
-    strokes: &[Vec<LampPoint>],
+    strokes: &[Vec<PointLight>],
     known: Option<&[TestStroke]>,
     progress: &dyn Progress,
 ) -> Result<SolvedRows, BakeError> {
@@ -149,8 +149,8 @@ pub fn solve_rows(
     let solved =
         solve_each_row(cloud, sources, settings, tests, progress, (&keep, &mut |row| planes.push(row)))?;
     let (head, tests, sweeps) = solved;
-    let towards = match (settings.channels, &settings.eyes) {
-        (SOLVED, Some(eyes)) => Some(TowardsEyes::new(cloud, eyes, &head)),
+    let towards = match (settings.channels, &settings.view_region) {
+        (SOLVED, Some(view_region)) => Some(TowardsViewRegion::new(cloud, view_region, &head)),
         _ => None,
     };
     Ok(SolvedRows { head, planes, tests, sweeps, towards })
@@ -162,11 +162,11 @@ pub fn solve_rows(
 pub fn solve_tests(
     cloud: &Cloud,
     settings: &ResponseSettings,
-    strokes: &[Vec<LampPoint>],
+    strokes: &[Vec<PointLight>],
     progress: &dyn Progress,
 ) -> Result<Vec<TestStroke>, BakeError> {
-    let lamps = LampGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
-    let sources = Sources { lamps, distant: Vec::new() };
+    let lights = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
+    let sources = Sources { lights, distant: Vec::new() };
     Ok(solve_rows(cloud, &sources, settings, strokes, None, progress)?.tests)
 }
 
@@ -175,7 +175,7 @@ fn solve_each_row<R: Send>(
     cloud: &Cloud,
     sources: &Sources,
     settings: &ResponseSettings,
-    (strokes, known): (&[Vec<LampPoint>], Option<&[TestStroke]>),
+    (strokes, known): (&[Vec<PointLight>], Option<&[TestStroke]>),
     progress: &dyn Progress,
     (finish, take): (&(dyn Fn(Vec<f32>) -> R + Sync), &mut dyn FnMut(R)),
 ) -> Result<(ResponseHead, Vec<TestStroke>, u64), BakeError> {
@@ -184,7 +184,7 @@ fn solve_each_row<R: Send>(
     let solver = Solver::<4>::new(&fine, settings.solve)?;
     let context = Context::new(cloud, &fine, &solver, settings);
     // A grid without density has nothing to see for anyone; one with some is not to be hidden from all eyes.
-    let hidden = context.unseen.as_ref().is_some_and(|unseen| !unseen.seen().contains(&true));
+    let hidden = context.hidden.as_ref().is_some_and(|hidden| !hidden.seen().contains(&true));
     if hidden && cloud.extinction.iter().any(|&extinction| extinction > 0.0) {
         return Err(BakeError::NotReached {
             what: "the cloud's response".into(),
@@ -193,7 +193,7 @@ fn solve_each_row<R: Send>(
             hint: "eyes in [clouds.eyes] that it does not hide from".into(),
         });
     }
-    let grid = &sources.lamps;
+    let grid = &sources.lights;
     let nodes: Vec<usize> = (0..grid.len()).filter(|&node| grid.is_wanted(node)).collect();
     let mut node_rows = vec![NO_ROW; grid.len()];
     for (row, &node) in nodes.iter().enumerate() {
@@ -201,7 +201,7 @@ fn solve_each_row<R: Send>(
     }
     let mut head = ResponseHead {
         shape: cloud.shape,
-        sources: SourceBasis::LampGrid {
+        sources: SourceBasis::LightGrid {
             x_m: grid.x_m.clone(),
             y_m: grid.y_m.clone(),
             z_m: grid.z_m.clone(),
@@ -223,10 +223,10 @@ fn solve_each_row<R: Send>(
             worst_residual: 0.0,
             most_sweeps: 0,
         },
-        eyes: settings.eyes,
-        seen: context.unseen.as_ref().map(|unseen| pack_seen(unseen.seen())),
+        view_region: settings.view_region,
+        seen: context.hidden.as_ref().map(|hidden| pack_seen(hidden.seen())),
     };
-    let weights: Vec<Vec<(u32, f32)>> = strokes.iter().map(|lamps| split_stroke(&head, lamps)).collect();
+    let weights: Vec<Vec<(u32, f32)>> = strokes.iter().map(|lights| split_stroke(&head, lights)).collect();
 
     let mut tests = match known {
         Some(known) => known.to_vec(),
@@ -237,14 +237,14 @@ fn solve_each_row<R: Send>(
     };
 
     // Lamps first, then distant light, in batches of their own: only the latter always keep their direct light.
-    let lamp = |&node: &usize| vec![Light::Point { position: grid.position(node), intensity: 1.0 }];
-    let lamps: Vec<Vec<Light>> = nodes.iter().map(lamp).collect();
+    let light = |&node: &usize| vec![Light::Point { position: grid.position(node), intensity: 1.0 }];
+    let lights: Vec<Vec<Light>> = nodes.iter().map(light).collect();
     let distant: Vec<Vec<Light>> =
         sources.distant.iter().map(|&kind| distant_lights(kind)).collect::<Result<_, _>>()?;
-    progress.begin("cloud response", (lamps.len() + distant.len()) as u64);
+    progress.begin("cloud response", (lights.len() + distant.len()) as u64);
     let (mut row_number, mut sweeps) = (0u32, 0u64);
     let mut batches: Vec<(u32, &[Vec<Light>], bool)> = Vec::new();
-    for (lights, first, in_rows) in [(&lamps, 0, context.in_rows()), (&distant, lamps.len(), true)] {
+    for (lights, first, in_rows) in [(&lights, 0, context.in_rows()), (&distant, lights.len(), true)] {
         batches.extend(
             lights.chunks(BATCH).enumerate().map(|(i, part)| ((first + i * BATCH) as u32, part, in_rows)),
         );
@@ -321,8 +321,8 @@ fn add_to_tests(tests: &mut [TestStroke], weights: &[Vec<(u32, f32)>], row: u32,
 }
 
 /// The weights that the runtime will give the stroke; none for a stroke that leaves the grid.
-fn split_stroke(head: &ResponseHead, lamps: &[LampPoint]) -> Vec<(u32, f32)> {
-    squall_runtime::relight::split_lamps(head, lamps)
+fn split_stroke(head: &ResponseHead, lights: &[PointLight]) -> Vec<(u32, f32)> {
+    squall_runtime::relight::split_lights(head, lights)
         .map(|weights| weights.iter().map(|w| (w.row, w.intensity)).collect())
         .unwrap_or_default()
 }

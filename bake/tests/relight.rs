@@ -102,29 +102,29 @@ impl Relit {
     }
 }
 
-fn lamp(position: [f64; 3], intensity: f64) -> Value {
+fn light(position: [f64; 3], intensity: f64) -> Value {
     json!({ "position_m": position, "intensity_W_per_sr": intensity, "name": "x", "type": "stroke", "note": 3 })
 }
 
-fn run(asset: &Path, lamps: &str, camera: &str, out: &str, more: &[&str]) -> Relit {
+fn run(asset: &Path, lights: &str, camera: &str, out: &str, more: &[&str]) -> Relit {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
         path
     };
-    let (lamps, camera) = (file("lamps.json", lamps), file("camera.json", camera));
+    let (lights, camera) = (file("lamps.json", lights), file("camera.json", camera));
     let mut command = Command::cargo_bin("squall").unwrap();
-    command.arg("relight").arg(asset).arg("--lamps").arg(lamps).arg("--camera").arg(camera);
+    command.arg("relight").arg(asset).arg("--lamps").arg(lights).arg("--camera").arg(camera);
     command.arg("-o").arg(folder.path().join(out)).arg("--field").arg(folder.path().join("field")).args(more);
     let output = command.output().unwrap();
     let error = String::from_utf8(output.stderr).unwrap();
     Relit { code: output.status.code().unwrap(), error, folder }
 }
 
-fn relight(asset: &str, lamps: &[Value], camera: usize, more: &[&str]) -> Relit {
+fn relight(asset: &str, lights: &[Value], camera: usize, more: &[&str]) -> Relit {
     let asset = baked().path(&format!("{asset}.squall"));
-    let relit = run(&asset, &json!(lamps).to_string(), &cameras()[camera].to_string(), "image.exr", more);
+    let relit = run(&asset, &json!(lights).to_string(), &cameras()[camera].to_string(), "image.exr", more);
     assert_eq!(relit.code, 0, "{}", relit.error);
     relit
 }
@@ -162,7 +162,7 @@ fn at_a_node_of_the_lamp_grid_relighting_is_solving_but_for_the_codec() {
         let (as_baked, fine) = (solve(node, 3.0, 1), solve(node, 3.0, 0));
         for (asset, direct) in [("rows", "rows"), ("rows", "lamps"), ("late", "lamps")] {
             for camera in 0..2 {
-                let relit = relight(asset, &[lamp(node, 3.0)], camera, &["--direct", direct]);
+                let relit = relight(asset, &[light(node, 3.0)], camera, &["--direct", direct]);
                 let case = format!("{asset} {direct} {node:?}");
                 let report = relit.report();
                 assert_eq!(report["sources"], 1, "{case}");
@@ -193,15 +193,15 @@ fn light_adds_up_and_grows_with_intensity() {
     for asset in ["rows", "late"] {
         for camera in 0..2 {
             let name = ["image_top.f32", "image_eye.f32"][camera];
-            let (a, b) = (lamp(BETWEEN, 2.0), lamp(NODES[1], 7.0));
-            let one = |lamps: &[Value]| relight(asset, lamps, camera, &[]).read(name);
+            let (a, b) = (light(BETWEEN, 2.0), light(NODES[1], 7.0));
+            let one = |lights: &[Value]| relight(asset, lights, camera, &[]).read(name);
             let (first, second, both) =
                 (one(std::slice::from_ref(&a)), one(std::slice::from_ref(&b)), one(&[a, b]));
             let sum: Vec<f32> = first.iter().zip(&second).map(|(x, y)| x + y).collect();
             let off = distance(&both, &sum);
             assert!(off < PICTURES, "{asset} {name}: {off}");
             let brighter: Vec<f32> = first.iter().map(|x| x * 5.0).collect();
-            assert!(distance(&one(&[lamp(BETWEEN, 10.0)]), &brighter) < ROUND_OFF, "{asset} {name}");
+            assert!(distance(&one(&[light(BETWEEN, 10.0)]), &brighter) < ROUND_OFF, "{asset} {name}");
         }
     }
     let dark = relight("late", &[], 1, &[]).read("image_eye.f32");
@@ -214,7 +214,7 @@ fn lamps_beyond_what_was_baked_are_solved_for_and_it_is_said() {
     const ROUND_OFF: f64 = 1e-4;
     let truth = solve(OUTSIDE, 3.0, 0);
     for asset in ["rows", "late"] {
-        let far = relight(asset, &[lamp(OUTSIDE, 3.0)], 0, &[]);
+        let far = relight(asset, &[light(OUTSIDE, 3.0)], 0, &[]);
         assert!(
             far.error.contains("1 of 1 lamps lie outside") && far.error.lines().count() == 1,
             "{}",
@@ -228,8 +228,8 @@ fn lamps_beyond_what_was_baked_are_solved_for_and_it_is_said() {
         assert_eq!((&report["lamps_outside"], &report["sources"]), (&json!(1), &json!(0)));
         assert!(report["live"]["sweeps"].as_u64().unwrap() > 1);
 
-        let mixed = relight(asset, &[lamp(OUTSIDE, 3.0), lamp(NODES[0], 1.0)], 0, &[]);
-        let near = relight(asset, &[lamp(NODES[0], 1.0)], 0, &[]);
+        let mixed = relight(asset, &[light(OUTSIDE, 3.0), light(NODES[0], 1.0)], 0, &[]);
+        let near = relight(asset, &[light(NODES[0], 1.0)], 0, &[]);
         assert_eq!(near.error, "");
         for name in ["phi_sc.f32", "phi_dir.f32", "jcam_top.f32", "image_top.f32"] {
             let sum: Vec<f32> = far.read(name).iter().zip(near.read(name)).map(|(x, y)| x + y).collect();
@@ -249,16 +249,16 @@ fn pictures_and_fields_are_the_same_bytes_for_any_number_of_threads() {
         path
     };
     // Enough lamps and pixels that direct light becomes means per cell.
-    let lamps: Vec<Value> =
-        (0..70).map(|i| lamp([f64::from(i) * 6.0 - 196.0, 20.0, f64::from(i) - 20.0], 0.1)).collect();
+    let lights: Vec<Value> =
+        (0..70).map(|i| light([f64::from(i) * 6.0 - 196.0, 20.0, f64::from(i) - 20.0], 0.1)).collect();
     let mut camera = cameras()[1].clone();
     (camera["width"], camera["height"]) = (json!(80), json!(60));
-    let (lamps, camera) = (write("many.json", json!(lamps)), write("eye.json", camera));
+    let (lights, camera) = (write("many.json", json!(lights)), write("eye.json", camera));
     let bytes = |threads: &str| {
         let folder = tempfile::tempdir().unwrap();
         let mut command = Command::cargo_bin("squall").unwrap();
         command.env("RAYON_NUM_THREADS", threads).arg("relight").arg(baked.path("late.squall"));
-        command.arg("--lamps").arg(&lamps).arg("--camera").arg(&camera).arg("-o");
+        command.arg("--lamps").arg(&lights).arg("--camera").arg(&camera).arg("-o");
         command.arg(folder.path().join("a.png")).arg("--field").arg(folder.path()).assert().success();
         ["a.png", "image_eye.exr", "phi_sc.f32", "phi_dir.f32"]
             .map(|f| std::fs::read(folder.path().join(f)).unwrap())
@@ -272,9 +272,9 @@ fn pictures_and_fields_are_the_same_bytes_for_any_number_of_threads() {
 #[test]
 fn bad_lamps_cameras_assets_and_names_are_one_line_and_exit_3() {
     let asset = baked().path("late.squall");
-    let (good_lamp, good_camera) = (json!([lamp(NODES[0], 1.0)]).to_string(), cameras()[0].to_string());
-    let refused = |asset: &Path, lamps: &str, camera: &str, out: &str, more: &[&str], words: &str| {
-        let relit = run(asset, lamps, camera, out, more);
+    let (good_lamp, good_camera) = (json!([light(NODES[0], 1.0)]).to_string(), cameras()[0].to_string());
+    let refused = |asset: &Path, lights: &str, camera: &str, out: &str, more: &[&str], words: &str| {
+        let relit = run(asset, lights, camera, out, more);
         assert_eq!(relit.code, 3, "{words}: {}", relit.error);
         assert!(relit.error.contains(words) && relit.error.lines().count() == 1, "{words}: {}", relit.error);
         assert!(
@@ -282,7 +282,7 @@ fn bad_lamps_cameras_assets_and_names_are_one_line_and_exit_3() {
             "{words}"
         );
     };
-    for (lamps, words) in [
+    for (lights, words) in [
         ("", "line 1"),
         ("{}", "a list of lamps"),
         ("[{\"position_m\": [0, 0]}]", "line 1"),
@@ -291,7 +291,7 @@ fn bad_lamps_cameras_assets_and_names_are_one_line_and_exit_3() {
         ("[{\"position_m\": [0, 0, 0], \"intensity_W_per_sr\": -2}]", "not negative"),
         ("[{\"position_m\": [0, 0, 1e999], \"intensity_W_per_sr\": 1}]", "line 1"),
     ] {
-        refused(&asset, lamps, &good_camera, "a.exr", &[], words);
+        refused(&asset, lights, &good_camera, "a.exr", &[], words);
     }
     for (key, value, words) in [
         ("width", json!(0), "picture size"),
@@ -325,7 +325,8 @@ fn bad_lamps_cameras_assets_and_names_are_one_line_and_exit_3() {
         damaged[at as usize] ^= 1;
     }
     std::fs::write(baked().path("damaged.squall"), damaged).unwrap();
-    let every: Vec<Value> = (0..7).map(|i| lamp([-200.0 + 70.0 * f64::from(i), 190.0, 150.0], 1.0)).collect();
+    let every: Vec<Value> =
+        (0..7).map(|i| light([-200.0 + 70.0 * f64::from(i), 190.0, 150.0], 1.0)).collect();
     let every = json!(every).to_string();
     refused(&baked().path("damaged.squall"), &every, &good_camera, "a.exr", &[], "checksum");
 }

@@ -43,9 +43,9 @@ pub struct Ran {
     pub error: String,
 }
 
-pub fn solve(scene: &Path, lamp: &str, out: &Path, more: &[&str]) -> Ran {
+pub fn solve(scene: &Path, light: &str, out: &Path, more: &[&str]) -> Ran {
     let mut command = Command::cargo_bin("squall").unwrap();
-    command.arg("solve").arg(scene).args(["--lamp", lamp, "-o"]).arg(out).args(more);
+    command.arg("solve").arg(scene).args(["--lamp", light, "-o"]).arg(out).args(more);
     let output = command.output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     Ran { code: output.status.code().unwrap(), out: text(output.stdout), error: text(output.stderr) }
@@ -69,18 +69,18 @@ fn fields<const N: usize>(
     folder: &Path,
     scene: &Value,
     density: &[f32],
-    lamp: &str,
+    light: &str,
     names: [&str; N],
     more: &[&str],
 ) -> [Vec<f32>; N] {
     let (scene, out) = (write_scene(folder, scene, density), folder.join("out"));
-    let ran = solve(&scene, lamp, &out, more);
-    assert_eq!(ran.code, 0, "{lamp}: {}", ran.error);
+    let ran = solve(&scene, light, &out, more);
+    assert_eq!(ran.code, 0, "{light}: {}", ran.error);
     let balance = report(&out)["energy_balance"].as_f64().unwrap();
-    assert!(balance.abs() < BALANCE, "{lamp}: energy balance {balance}");
+    assert!(balance.abs() < BALANCE, "{light}: energy balance {balance}");
     names.map(|name| {
         let values = read(out.join(name));
-        assert!(values.iter().all(|v| v.is_finite()), "{lamp}: {name}");
+        assert!(values.iter().all(|v| v.is_finite()), "{light}: {name}");
         values
     })
 }

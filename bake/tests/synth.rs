@@ -79,10 +79,10 @@ fn a_strokes_lamps_carry_its_whole_light() {
     let ends = ["--from", "-10,0,3000", "--to", "500,-300,0"];
     let made = squall(&[&["synth", "stroke", "-o", text(&out), "--intensity", "7e5"][..], &ends].concat());
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    let lamps: Vec<serde_json::Value> = serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap();
-    let sum: f64 = lamps.iter().map(|lamp| lamp["intensity_W_per_sr"].as_f64().unwrap()).sum();
+    let lights: Vec<serde_json::Value> = serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap();
+    let sum: f64 = lights.iter().map(|light| light["intensity_W_per_sr"].as_f64().unwrap()).sum();
     // Round-off of some hundred additions.
-    assert!((sum / 7e5 - 1.0).abs() < 1e-12 && lamps.len() > 50);
+    assert!((sum / 7e5 - 1.0).abs() < 1e-12 && lights.len() > 50);
     let refused = squall(&["synth", "stroke", "-o", text(&out), "--from", "0,0,0", "--to", "0,0,0"]);
     assert_eq!(refused.status.code(), Some(3));
 }

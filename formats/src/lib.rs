@@ -9,13 +9,13 @@
 pub mod container;
 pub mod drops;
 pub mod error;
-pub mod eyes;
 pub mod grid;
 pub mod haar;
 pub mod meta;
 pub mod section;
 pub mod sphere;
 pub mod units;
+pub mod view_region;
 
 pub use error::{Limits, ReadError};
 pub use grid::GridShape;

@@ -6,15 +6,15 @@
 use peak_alloc::PeakAlloc;
 use proptest::prelude::*;
 use squall_formats::container::{Directory, OutSection};
-use squall_formats::eyes::EyeBox;
 use squall_formats::section::bolt::{BoltSection, StrokeRecord};
 use squall_formats::section::check::check;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{
-    ChannelBasis, ChannelBound, DirectTerm, DistantKind, ResponseHead, ResponseRows, ResponseSection,
+    ChannelBound, DirectTerm, DirectionalBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection,
     SourceBasis, pack_seen, write,
 };
 use squall_formats::section::{KNOWN, is_known};
+use squall_formats::view_region::ViewRegion;
 use squall_formats::{GridShape, Limits, ReadError, Tag};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
@@ -83,12 +83,12 @@ fn samples() -> Vec<Sample> {
 fn newest_response(bytes: &[u8], spoil: fn(&mut ResponseHead)) -> OutSection {
     let old = ResponseSection::read(bytes, 1, &Limits::default()).unwrap();
     let mut head = old.head.clone();
-    head.channels = ChannelBasis::Eyes { degree: 1 };
+    head.channels = DirectionalBasis::ViewRegion { degree: 1 };
     head.direct = DirectTerm::AtRunTime;
-    head.eyes = Some(EyeBox { low_m: [-10.0, -20.0, 0.0], high_m: [10.0, 20.0, 5.0] });
+    head.view_region = Some(ViewRegion { low_m: [-10.0, -20.0, 0.0], high_m: [10.0, 20.0, 5.0] });
     head.seen = Some(pack_seen(&(0..head.shape.len()).map(|cell| cell % 3 > 0).collect::<Vec<bool>>()));
     spoil(&mut head);
-    let channels = ChannelBasis::Eyes { degree: 1 }.count();
+    let channels = DirectionalBasis::ViewRegion { degree: 1 }.count();
     let row = [[0; 4], 0.5f32.to_le_bytes(), [0; 4]].concat().repeat(channels);
     let bounds = vec![ChannelBound::default(); channels * old.row_count()];
     write(&head, ResponseRows { rows: vec![row; old.row_count()], bounds })
@@ -341,12 +341,12 @@ fn each_damaged_field_of_a_stroke_is_named() {
 }
 
 fn x_axis(head: &mut ResponseHead) -> &mut Vec<f64> {
-    let SourceBasis::LampGrid { x_m, .. } = &mut head.sources;
+    let SourceBasis::LightGrid { x_m, .. } = &mut head.sources;
     x_m
 }
 
 fn node_rows(head: &mut ResponseHead) -> &mut Vec<u32> {
-    let SourceBasis::LampGrid { rows, .. } = &mut head.sources;
+    let SourceBasis::LightGrid { rows, .. } = &mut head.sources;
     rows
 }
 
@@ -359,7 +359,7 @@ fn each_damaged_field_of_a_response_is_named() {
         ("extinction scale", |head, _| head.solver.extinction_scale = f64::NAN),
         ("shape", |head, _| head.shape.ny = 0),
         ("shape", |head, _| head.shape = GridShape::new(u32::MAX, 1, 1)),
-        ("channels", |head, _| head.channels = ChannelBasis::Harmonics { degree: 4 }),
+        ("channels", |head, _| head.channels = DirectionalBasis::Harmonics { degree: 4 }),
         ("refine", |head, _| head.solver.refine[1] = 0),
         ("lamp grid axis", |head, _| x_axis(head)[1] = f64::NAN),
         ("lamp grid axis", |head, _| x_axis(head).swap(0, 1)),
@@ -408,12 +408,12 @@ fn each_damaged_field_of_eyes_and_seen_cells_is_named() {
     let _turn = alone();
     type Spoil = fn(&mut ResponseHead);
     let damage: [(&str, Spoil); 9] = [
-        ("channels", |head| head.channels = ChannelBasis::Eyes { degree: 3 }),
-        ("channels", |head| head.eyes = None),
+        ("channels", |head| head.channels = DirectionalBasis::ViewRegion { degree: 3 }),
+        ("channels", |head| head.view_region = None),
         ("channels", |head| head.direct = DirectTerm::InRows),
-        ("eyes", |head| head.eyes.as_mut().unwrap().low_m[1] = f64::NAN),
-        ("eyes", |head| head.eyes.as_mut().unwrap().low_m[1] = 20.5),
-        ("eyes", |head| head.eyes.as_mut().unwrap().high_m[2] = f64::INFINITY),
+        ("eyes", |head| head.view_region.as_mut().unwrap().low_m[1] = f64::NAN),
+        ("eyes", |head| head.view_region.as_mut().unwrap().low_m[1] = 20.5),
+        ("eyes", |head| head.view_region.as_mut().unwrap().high_m[2] = f64::INFINITY),
         ("seen cells", |head| head.seen.as_mut().unwrap().push(0)),
         ("seen cells", |head| head.seen = Some(Vec::new())),
         ("seen cells", |head| {

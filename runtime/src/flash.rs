@@ -7,7 +7,7 @@
 
 use crate::phase::PreparedHg;
 use crate::random::Random;
-use crate::relight::LampPoint;
+use crate::relight::PointLight;
 use crate::transport::Cloud;
 use crate::transport::direct::{PowerRay, Tally, Tracer, fibonacci};
 use glam::{DQuat, DVec3};
@@ -33,14 +33,14 @@ const POINTS_PER_PIECE: usize = 32;
 #[cfg(feature = "rayon")]
 const PIECES_AT_ONCE: usize = 8;
 
-struct TowardsEye<'a> {
+struct TowardsViewer<'a> {
     j: Vec<f32>,
-    eyes: &'a [[f32; 3]],
+    view_region: &'a [[f32; 3]],
     phase: [PreparedHg; 2],
     direction: [f32; 3],
 }
 
-impl Tally for TowardsEye<'_> {
+impl Tally for TowardsViewer<'_> {
     #[inline]
     fn start(&mut self, direction: DVec3) {
         self.direction = direction.as_vec3().to_array();
@@ -48,7 +48,7 @@ impl Tally for TowardsEye<'_> {
 
     #[inline(always)]
     fn chord(&mut self, cell: usize, unscattered: f32, scaled: f32) {
-        let (d, eye) = (self.direction, self.eyes[cell]);
+        let (d, eye) = (self.direction, self.view_region[cell]);
         let cos = d[0] * eye[0] + d[1] * eye[1] + d[2] * eye[2];
         self.j[cell] +=
             self.phase[0].value(cos) * unscattered + self.phase[1].value(cos) * (scaled - unscattered);
@@ -57,39 +57,40 @@ impl Tally for TowardsEye<'_> {
 
 /// Adds J of direct light to `j`, W/(m² sr) per cell.
 ///
-/// `eyes` holds the unit direction from each cell towards the eye, `extinction_scale` what the transport behind the asset's
+/// `view_region` holds the unit direction from each cell towards the eye, `extinction_scale` what the transport behind the asset's
 /// rows counts as unscattered. The same bytes come out for any number of threads.
 ///
 /// Panics when an array is not one grid long.
 pub fn add_direct(
     cloud: &Cloud,
     extinction_scale: f64,
-    lamps: &[LampPoint],
-    eyes: &[[f32; 3]],
+    lights: &[PointLight],
+    view_region: &[[f32; 3]],
     settings: DirectSettings,
     j: &mut [f32],
 ) {
-    assert!(j.len() == cloud.shape.len() && eyes.len() == cloud.shape.len());
+    assert!(j.len() == cloud.shape.len() && view_region.len() == cloud.shape.len());
     let tracer = Tracer::new(cloud, extinction_scale);
     let share = 1.0 / cloud.cell_volume() as f32;
     let count = settings.rays_per_point.max(1) as usize;
     let directions: Vec<DVec3> = (0..count).map(|i| fibonacci(i, count)).collect();
-    let piece = |(number, lamps): (usize, &[LampPoint])| -> Vec<f32> {
+    let piece = |(number, lights): (usize, &[PointLight])| -> Vec<f32> {
         let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
-        let mut tally = TowardsEye { j: vec![0.0; eyes.len()], eyes, phase, direction: [0.0; 3] };
-        for (i, lamp) in lamps.iter().enumerate() {
+        let mut tally =
+            TowardsViewer { j: vec![0.0; view_region.len()], view_region, phase, direction: [0.0; 3] };
+        for (i, light) in lights.iter().enumerate() {
             let turn = random_turn(settings.seed, (number * POINTS_PER_PIECE + i) as u64);
-            let power = lamp.intensity * 4.0 * std::f64::consts::PI / count as f64;
+            let power = light.intensity * 4.0 * std::f64::consts::PI / count as f64;
             for &direction in &directions {
                 tracer.trace(
-                    PowerRay { origin: lamp.position, direction: turn * direction, power },
+                    PowerRay { origin: light.position, direction: turn * direction, power },
                     &mut tally,
                 );
             }
         }
         tally.j
     };
-    let pieces: Vec<(usize, &[LampPoint])> = lamps.chunks(POINTS_PER_PIECE).enumerate().collect();
+    let pieces: Vec<(usize, &[PointLight])> = lights.chunks(POINTS_PER_PIECE).enumerate().collect();
     let mut add = |part: Vec<f32>| {
         for (sum, value) in j.iter_mut().zip(part) {
             *sum += value * share;
@@ -132,10 +133,10 @@ mod tests {
             g: 0.0,
             boundary: Boundary::Open,
         };
-        let lamp = LampPoint { position: DVec3::ZERO, intensity: 7.0 };
+        let light = PointLight { position: DVec3::ZERO, intensity: 7.0 };
         let mut j = vec![0.0; 1000];
         let settings = DirectSettings { rays_per_point: 400_000, ..DirectSettings::default() };
-        add_direct(&cloud, 1.0, &[lamp], &vec![[0.0, 0.0, 1.0]; 1000], settings, &mut j);
+        add_direct(&cloud, 1.0, &[light], &vec![[0.0, 0.0, 1.0]; 1000], settings, &mut j);
         for x in [5, 15, 30] {
             let distance = 10.0 * (x as f64 + 0.5);
             let exact = 7.0 / (distance * distance) / (4.0 * std::f64::consts::PI);

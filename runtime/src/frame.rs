@@ -94,7 +94,7 @@ pub struct FrameMemory {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameReport {
     /// Points of light on the flashing strokes.
-    pub lamps: usize,
+    pub lights: usize,
     /// Baked sources that they were split over.
     pub sources: usize,
     /// Rain streaks found.

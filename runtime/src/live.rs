@@ -8,7 +8,7 @@
 //! | J | light scattered per unit of scattering coefficient ∫ p(ω·ω') L(ω') dω' | W/(m² sr) |
 
 use crate::error::RuntimeError;
-use crate::relight::LampPoint;
+use crate::relight::PointLight;
 use crate::transport::Cloud;
 use crate::transport::cloud::CoarseIndex;
 use crate::transport::direct::{DirectField, Light, Tracer};
@@ -22,7 +22,7 @@ use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 /// Sweeps after which a live solve gives up.
 const MAX_SWEEPS: u32 = 2000;
 /// Lamps traced in one piece; pieces run in parallel and are added in order.
-const LAMPS_PER_PIECE: usize = 8;
+const LIGHTS_PER_PIECE: usize = 8;
 /// Pieces in flight at once: bounds memory, whatever the number of lamps.
 #[cfg(feature = "rayon")]
 const PIECES_AT_ONCE: usize = 8;
@@ -106,12 +106,12 @@ impl LiveSolver {
 
     /// Follows the lamps' direct light, `samples`² rays through every boundary face of the solve grid, and collects it
     /// towards `directions`. The same bytes come out for any number of threads.
-    pub fn direct(&self, lamps: &[LampPoint], directions: &[DVec3], samples: u32) -> DirectCells {
+    pub fn direct(&self, lights: &[PointLight], directions: &[DVec3], samples: u32) -> DirectCells {
         let tracer = Tracer::new(&self.fine, self.solver.scaled().extinction_scale);
-        let piece = |lamps: &[LampPoint]| -> DirectField<4> {
+        let piece = |lights: &[PointLight]| -> DirectField<4> {
             let mut field = DirectField::new(&self.fine, directions);
-            for lamp in lamps {
-                let light = Light::Point { position: lamp.position, intensity: lamp.intensity };
+            for light in lights {
+                let light = Light::Point { position: light.position, intensity: light.intensity };
                 tracer.rays(light, samples, |ray| {
                     tracer.trace(ray, &mut field);
                 });
@@ -126,13 +126,13 @@ impl LiveSolver {
             sums.zip(values).for_each(|(sum, value)| *sum += value);
         };
         #[cfg(feature = "rayon")]
-        for group in lamps.chunks(LAMPS_PER_PIECE * PIECES_AT_ONCE) {
+        for group in lights.chunks(LIGHTS_PER_PIECE * PIECES_AT_ONCE) {
             use rayon::prelude::*;
-            let parts: Vec<_> = group.par_chunks(LAMPS_PER_PIECE).map(piece).collect();
+            let parts: Vec<_> = group.par_chunks(LIGHTS_PER_PIECE).map(piece).collect();
             parts.into_iter().for_each(&mut add);
         }
         #[cfg(not(feature = "rayon"))]
-        lamps.chunks(LAMPS_PER_PIECE).map(piece).for_each(&mut add);
+        lights.chunks(LIGHTS_PER_PIECE).map(piece).for_each(&mut add);
 
         let share = 1.0 / self.fine.cell_volume() as f32;
         let means = |sums: &[f32], width: usize| -> Vec<f32> {

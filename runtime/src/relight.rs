@@ -9,19 +9,19 @@ use crate::error::RuntimeError;
 use crate::load::Asset;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
-use squall_formats::eyes::{EyeBox, EyeFrame};
 use squall_formats::haar::Haar;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{
-    ChannelBasis, DirectTerm, DistantKind, NO_ROW, ResponseHead, ResponseSection, SourceBasis, accumulate,
-    channels,
+    DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
+    accumulate, channels,
 };
 use squall_formats::sphere;
+use squall_formats::view_region::{ViewRegion, ViewRegionFrame};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A point of light on a stroke.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LampPoint {
+pub struct PointLight {
     /// Where, m.
     pub position: DVec3,
     /// Radiant intensity, the same in every direction, W/sr.
@@ -44,7 +44,7 @@ pub struct Relighter<'a> {
     cloud: Cloud,
     haar: Haar,
     /// The eyes' frame, where rows are for those alone.
-    frame: Option<EyeFrame>,
+    frame: Option<ViewRegionFrame>,
     /// Rows whose checksum has been seen to be right.
     verified: Vec<AtomicBool>,
 }
@@ -62,9 +62,9 @@ pub struct RelightBuffers {
 #[derive(Clone, Copy, Debug)]
 pub struct Relit<'a> {
     /// What the planes mean.
-    pub basis: ChannelBasis,
+    pub basis: DirectionalBasis,
     /// The eyes' frame, where the light is for those alone.
-    pub frame: Option<EyeFrame>,
+    pub frame: Option<ViewRegionFrame>,
     /// Cells per plane.
     pub cells: usize,
     /// `basis.count()` planes of `cells` values, x fastest.
@@ -104,7 +104,8 @@ impl<'a> Relighter<'a> {
         };
         let haar = Haar::new(head.shape);
         let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
-        let frame = response.head.eyes.as_ref().map(|eyes| eye_frame(eyes, &cloud));
+        let frame =
+            response.head.view_region.as_ref().map(|view_region| view_region_frame(view_region, &cloud));
         Ok(Self { asset, response, cloud: cloud.checked()?, haar, frame, verified })
     }
 
@@ -129,8 +130,8 @@ impl<'a> Relighter<'a> {
     }
 
     /// Where eyes may stand; anywhere where `None`.
-    pub fn eyes(&self) -> Option<&EyeBox> {
-        self.response.head.eyes.as_ref()
+    pub fn view_region(&self) -> Option<&ViewRegion> {
+        self.response.head.view_region.as_ref()
     }
 
     /// Cells whose light means something.
@@ -147,12 +148,12 @@ impl<'a> Relighter<'a> {
     ///
     /// Errors: its eye is outside the box that the asset was baked for; an orthographic camera has no eye and is outside of any.
     pub fn check_camera(&self, camera: &Camera) -> Result<(), RuntimeError> {
-        let Some(eyes) = self.eyes() else { return Ok(()) };
+        let Some(view_region) = self.view_region() else { return Ok(()) };
         let perspective = matches!(camera.projection, Projection::Perspective { .. });
-        if perspective && eyes.contains(camera.position.to_array()) {
+        if perspective && view_region.contains(camera.position.to_array()) {
             return Ok(());
         }
-        let [low, high] = [eyes.low_m, eyes.high_m].map(DVec3::from_array);
+        let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
         let wanted =
             format!("an eye between {low} and {high} m: the asset's cloud was baked for those alone");
         let found = if perspective { camera.position.to_string() } else { "an orthographic camera".into() };
@@ -178,10 +179,10 @@ impl<'a> Relighter<'a> {
     /// Errors: a point that is not finite or lies outside the baked reach.
     pub fn weigh<'b>(
         &self,
-        lamps: &[LampPoint],
+        lights: &[PointLight],
         buffers: &'b mut RelightBuffers,
     ) -> Result<&'b [SourceWeight], RuntimeError> {
-        split_into(&self.response.head, lamps, buffers)?;
+        split_into(&self.response.head, lights, buffers)?;
         Ok(&buffers.weights)
     }
 
@@ -190,11 +191,11 @@ impl<'a> Relighter<'a> {
     /// Errors: a point outside the baked reach, or a damaged row.
     pub fn relight<'b>(
         &self,
-        lamps: &[LampPoint],
+        lights: &[PointLight],
         options: RelightOptions,
         buffers: &'b mut RelightBuffers,
     ) -> Result<Relit<'b>, RuntimeError> {
-        split_into(&self.response.head, lamps, buffers)?;
+        split_into(&self.response.head, lights, buffers)?;
         self.sum_rows(options, buffers)
     }
 
@@ -252,12 +253,12 @@ impl<'a> Relighter<'a> {
     }
 
     /// The virtual lamps that the stroke last weighed was split over, each where it was baked.
-    pub fn virtual_lamps(&self, buffers: &RelightBuffers) -> Vec<LampPoint> {
-        let SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &self.response.head.sources;
+    pub fn virtual_lights(&self, buffers: &RelightBuffers) -> Vec<PointLight> {
+        let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &self.response.head.sources;
         let (nx, ny) = (x_m.len(), y_m.len());
         let weight = |row: u32| buffers.weights.iter().find(|weight| weight.row == row);
         let lit = rows.iter().enumerate().filter_map(|(node, &row)| Some((node, weight(row)?)));
-        lit.map(|(node, weight)| LampPoint {
+        lit.map(|(node, weight)| PointLight {
             position: DVec3::new(x_m[node % nx], y_m[node / nx % ny], z_m[node / nx / ny]),
             intensity: f64::from(weight.intensity),
         })
@@ -277,20 +278,20 @@ impl<'a> Relighter<'a> {
 }
 
 fn reach(sources: &SourceBasis) -> [DVec3; 2] {
-    let SourceBasis::LampGrid { x_m, y_m, z_m, .. } = sources;
+    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = sources;
     let ends = |axis: &[f64]| (axis.first().copied().unwrap_or(0.0), axis.last().copied().unwrap_or(0.0));
     let (x, y, z) = (ends(x_m), ends(y_m), ends(z_m));
     [DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1)]
 }
 
 fn row_of(sources: &SourceBasis, node: usize) -> u32 {
-    let SourceBasis::LampGrid { rows, .. } = sources;
+    let SourceBasis::LightGrid { rows, .. } = sources;
     rows.get(node).copied().unwrap_or(NO_ROW)
 }
 
 /// The eight nodes around a point and their shares, which sum to 1; `None` outside the grid.
 fn nodes_around(sources: &SourceBasis, position: DVec3) -> Option<[(usize, f64); 8]> {
-    let SourceBasis::LampGrid { x_m, y_m, z_m, .. } = sources;
+    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = sources;
     let (x, y, z) = (between(x_m, position.x)?, between(y_m, position.y)?, between(z_m, position.z)?);
     let mut parts = [(0, 0.0); 8];
     for (corner, part) in parts.iter_mut().enumerate() {
@@ -308,9 +309,9 @@ fn nodes_around(sources: &SourceBasis, position: DVec3) -> Option<[(usize, f64);
 /// The weights that a response gives a stroke's points, rows rising. \[dobashi\] eq. 6.
 ///
 /// Errors: a point that is not finite or lies outside the baked reach.
-pub fn split_lamps(head: &ResponseHead, lamps: &[LampPoint]) -> Result<Vec<SourceWeight>, RuntimeError> {
+pub fn split_lights(head: &ResponseHead, lights: &[PointLight]) -> Result<Vec<SourceWeight>, RuntimeError> {
     let mut buffers = RelightBuffers::default();
-    split_into(head, lamps, &mut buffers)?;
+    split_into(head, lights, &mut buffers)?;
     Ok(buffers.weights)
 }
 
@@ -319,28 +320,28 @@ const BRIGHTEST: f64 = 1e25;
 
 fn split_into(
     head: &ResponseHead,
-    lamps: &[LampPoint],
+    lights: &[PointLight],
     buffers: &mut RelightBuffers,
 ) -> Result<(), RuntimeError> {
     buffers.parts.clear();
     buffers.weights.clear();
-    for lamp in lamps {
+    for light in lights {
         // Written so that NaN is refused too.
-        if lamp.intensity.abs().partial_cmp(&BRIGHTEST).is_none_or(|order| order.is_gt()) {
+        if light.intensity.abs().partial_cmp(&BRIGHTEST).is_none_or(|order| order.is_gt()) {
             let wanted = format!("at most {BRIGHTEST:e} W/sr");
-            return Err(RuntimeError::argument("lamp intensity", wanted, lamp.intensity));
+            return Err(RuntimeError::argument("lamp intensity", wanted, light.intensity));
         }
-        let parts = nodes_around(&head.sources, lamp.position);
+        let parts = nodes_around(&head.sources, light.position);
         let shares = parts.iter().flatten().filter(|(_, share)| *share > 0.0);
         let before = buffers.parts.len();
         buffers
             .parts
-            .extend(shares.map(|&(node, share)| (row_of(&head.sources, node), share * lamp.intensity)));
+            .extend(shares.map(|&(node, share)| (row_of(&head.sources, node), share * light.intensity)));
         let added = &buffers.parts[before..];
         if added.is_empty() || added.iter().any(|&(row, _)| row == NO_ROW) {
             let [low, high] = reach(&head.sources);
             let wanted = format!("a point between {low} and {high} m, where sources were baked");
-            let found = format!("{} with {} W/sr", lamp.position, lamp.intensity);
+            let found = format!("{} with {} W/sr", light.position, light.intensity);
             return Err(RuntimeError::argument("lamp position", wanted, found));
         }
     }
@@ -368,35 +369,35 @@ fn between(axis: &[f64], value: f64) -> Option<(usize, usize, f64)> {
     Some((low, high, (value - axis[low]) / (axis[high] - axis[low])))
 }
 
-/// The frame of `eyes` for a cloud's grid.
-pub fn eye_frame(eyes: &EyeBox, cloud: &Cloud) -> EyeFrame {
-    EyeFrame::new(eyes, (0.5 * (cloud.origin_m + cloud.far_corner())).to_array())
+/// The frame of `view_region` for a cloud's grid.
+pub fn view_region_frame(view_region: &ViewRegion, cloud: &Cloud) -> ViewRegionFrame {
+    ViewRegionFrame::new(view_region, (0.5 * (cloud.origin_m + cloud.far_corner())).to_array())
 }
 
-/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane. Of [`ChannelBasis::Eyes`] they differ from cell to
-/// cell, and with `eyes` absent, the frame and the cell's middle in m, they are 0.
-pub fn channel_factors(
-    basis: ChannelBasis,
-    eyes: Option<(&EyeFrame, DVec3)>,
+/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane. Of [`DirectionalBasis::ViewRegion`] they differ from cell to
+/// cell, and with `view_region` absent, the frame and the cell's middle in m, they are 0.
+pub fn basis_factors(
+    basis: DirectionalBasis,
+    view_region: Option<(&ViewRegionFrame, DVec3)>,
     towards: DVec3,
     factors: &mut Vec<f32>,
 ) {
     factors.clear();
     factors.resize(basis.count(), 0.0);
     match basis {
-        ChannelBasis::Eyes { .. } => {
-            let Some((frame, cell)) = eyes else { return };
+        DirectionalBasis::ViewRegion { .. } => {
+            let Some((frame, cell)) = view_region else { return };
             let values = frame.functions(cell.to_array(), towards.to_array());
             for (factor, value) in factors.iter_mut().zip(values) {
                 *factor = value as f32;
             }
         }
-        ChannelBasis::Directions26 => {
+        DirectionalBasis::Directions26 => {
             for (direction, weight) in sphere::interpolate_26(towards.to_array()) {
                 factors[direction] += weight as f32;
             }
         }
-        ChannelBasis::Harmonics { .. } => {
+        DirectionalBasis::Harmonics { .. } => {
             let values = sphere::harmonics(towards.to_array());
             for (factor, value) in factors.iter_mut().zip(values) {
                 *factor = value as f32;
@@ -411,22 +412,22 @@ impl Relit<'_> {
         factors.iter().enumerate().map(|(channel, f)| f * self.planes[channel * self.cells + cell]).sum()
     }
 
-    /// Factors of each channel at a cell whose middle is `cell_m`, m, in direction `towards`: [`channel_factors`].
+    /// Factors of each channel at a cell whose middle is `cell_m`, m, in direction `towards`: [`basis_factors`].
     pub fn factors(&self, cell_m: DVec3, towards: DVec3, factors: &mut Vec<f32>) {
-        channel_factors(self.basis, self.frame.as_ref().map(|frame| (frame, cell_m)), towards, factors);
+        basis_factors(self.basis, self.frame.as_ref().map(|frame| (frame, cell_m)), towards, factors);
     }
 
     /// Fluence rate in cell `cell`, W/m²: J summed over the sphere; `None` where only light towards eyes is known.
     pub fn fluence(&self, cell: usize) -> Option<f32> {
         Some(match self.basis {
-            ChannelBasis::Eyes { .. } => return None,
-            ChannelBasis::Directions26 => {
+            DirectionalBasis::ViewRegion { .. } => return None,
+            DirectionalBasis::Directions26 => {
                 let weights = sphere::weights_26();
                 let mean: f64 =
                     (0..26).map(|d| weights[d] * f64::from(self.planes[d * self.cells + cell])).sum();
                 (mean * 4.0 * std::f64::consts::PI) as f32
             }
-            ChannelBasis::Harmonics { .. } => self.planes[cell] * libm::sqrtf(4.0 * std::f32::consts::PI),
+            DirectionalBasis::Harmonics { .. } => self.planes[cell] * libm::sqrtf(4.0 * std::f32::consts::PI),
         })
     }
 }

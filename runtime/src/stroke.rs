@@ -6,7 +6,7 @@
 //! scale. Light falls with branch order and towards the tip of a branch, and along a channel it is in proportion to length.
 
 use crate::random::Random;
-use crate::relight::LampPoint;
+use crate::relight::PointLight;
 use glam::DVec3;
 use squall_formats::section::bolt::StrokeRecord;
 
@@ -161,8 +161,8 @@ impl Stroke {
 
     /// Points of light along the stroke: neighbouring segments of one channel are drawn together until they are `spacing`
     /// metres long, at their centre of intensity. Their intensities sum to the stroke's.
-    pub fn lamps(&self, spacing: f64) -> Vec<LampPoint> {
-        let mut lamps = Vec::new();
+    pub fn lights(&self, spacing: f64) -> Vec<PointLight> {
+        let mut lights = Vec::new();
         let (mut length, mut intensity, mut moment) = (0.0, 0.0, DVec3::ZERO);
         for (i, segment) in self.segments.iter().enumerate() {
             length += segment.from.distance(segment.to);
@@ -172,12 +172,12 @@ impl Stroke {
             let ends = next.is_none_or(|n| n.order != segment.order || n.from != segment.to);
             if ends || length >= spacing {
                 if intensity > 0.0 {
-                    lamps.push(LampPoint { position: moment / intensity, intensity });
+                    lights.push(PointLight { position: moment / intensity, intensity });
                 }
                 (length, intensity, moment) = (0.0, 0.0, DVec3::ZERO);
             }
         }
-        lamps
+        lights
     }
 }
 
@@ -236,11 +236,11 @@ mod tests {
     fn points_of_light_carry_the_strokes_whole_intensity() {
         let stroke = Stroke::grow(&record());
         for spacing in [1.0, 100.0, 1e9] {
-            let sum: f64 = stroke.lamps(spacing).iter().map(|lamp| lamp.intensity).sum();
+            let sum: f64 = stroke.lights(spacing).iter().map(|light| light.intensity).sum();
             // Round-off of a few hundred additions.
             assert!((sum / 1e9 - 1.0).abs() < 1e-12);
         }
-        assert!(stroke.lamps(100.0).len() < stroke.segments.len());
+        assert!(stroke.lights(100.0).len() < stroke.segments.len());
     }
 
     #[test]

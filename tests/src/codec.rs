@@ -3,21 +3,21 @@
 use crate::assert_close;
 use glam::DVec3;
 use proptest::prelude::*;
+use squall_bake::candidate::asset_of;
 use squall_bake::compress::compress_row;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::{BakedResponse, LampGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::response::{BakedResponse, LightGrid, ResponseSettings, Sources, bake_response};
 use squall_bake::storm;
-use squall_bake::trial::asset_of;
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::haar::Haar;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
-use squall_formats::section::response::{self, ChannelBasis, Codec, DirectTerm, DistantKind, accumulate};
+use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis, DistantKind, accumulate};
 use squall_runtime::Asset;
 use squall_runtime::random::Random;
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::lanes::SimdLevel;
 use squall_runtime::transport::quadrature::Quadrature;
@@ -42,25 +42,25 @@ const LOW: DVec3 = DVec3::new(-200.0, -100.0, 400.0);
 const HIGH: DVec3 = DVec3::new(250.0, 180.0, 650.0);
 
 fn sources() -> Sources {
-    let lamps = LampGrid {
+    let lights = LightGrid {
         x_m: vec![LOW.x, 0.0, HIGH.x],
         y_m: vec![LOW.y, 30.0, HIGH.y],
         z_m: vec![LOW.z, 520.0, HIGH.z],
         wanted: Vec::new(),
     };
-    Sources { lamps, distant: vec![DistantKind::UpperSky] }
+    Sources { lights, distant: vec![DistantKind::UpperSky] }
 }
 
 /// Strokes of one to twenty lamps anywhere in the reach, some of them beyond all measure brighter than others.
-fn strokes() -> Vec<Vec<LampPoint>> {
+fn strokes() -> Vec<Vec<PointLight>> {
     let mut random = Random::new(17);
     let stroke = |number: usize| {
-        let lamp = |_| {
+        let light = |_| {
             let place = |axis: usize, random: &mut Random| random.range(LOW[axis], HIGH[axis]);
             let position = DVec3::new(place(0, &mut random), place(1, &mut random), place(2, &mut random));
-            LampPoint { position, intensity: libm::exp(3.0 * random.normal()) }
+            PointLight { position, intensity: libm::exp(3.0 * random.normal()) }
         };
-        (0..1 + 3 * number).map(lamp).collect()
+        (0..1 + 3 * number).map(light).collect()
     };
     (0..7).map(stroke).collect()
 }
@@ -68,12 +68,12 @@ fn strokes() -> Vec<Vec<LampPoint>> {
 #[derive(Clone, Copy, Debug)]
 struct Case {
     codec: Codec,
-    channels: ChannelBasis,
+    channels: DirectionalBasis,
     direct: DirectTerm,
     error: f64,
 }
 
-const HARMONICS: ChannelBasis = ChannelBasis::Harmonics { degree: 1 };
+const HARMONICS: DirectionalBasis = DirectionalBasis::Harmonics { degree: 1 };
 
 fn settings(case: Case) -> ResponseSettings {
     let quadrature = Quadrature::DoubleGauss { polar: 2, azimuths: 8 };
@@ -83,7 +83,7 @@ fn settings(case: Case) -> ResponseSettings {
         codec: case.codec,
         relative_error: case.error,
         seen_only: false,
-        eyes: None,
+        view_region: None,
         refine: 1,
         samples: 1,
         solve: SolveSettings { quadrature, tolerance: 1e-2, ..SolveSettings::default() },
@@ -122,8 +122,8 @@ fn cases() -> [Case; 4] {
     let case = |codec, channels, direct, error| Case { codec, channels, direct, error };
     [
         case(Codec::Bytes, HARMONICS, DirectTerm::AtRunTime, 0.02),
-        case(Codec::Bytes, ChannelBasis::Directions26, DirectTerm::InRows, 0.3),
-        case(Codec::Paper, ChannelBasis::Directions26, DirectTerm::AtRunTime, 0.02),
+        case(Codec::Bytes, DirectionalBasis::Directions26, DirectTerm::InRows, 0.3),
+        case(Codec::Paper, DirectionalBasis::Directions26, DirectTerm::AtRunTime, 0.02),
         case(Codec::Paper, HARMONICS, DirectTerm::InRows, 0.3),
     ]
 }
@@ -137,9 +137,9 @@ fn light_of_any_stroke_is_off_by_no_more_than_the_stored_bounds() {
         // How much of its bound the worst channel uses up: bounds that no stroke comes near would say nothing.
         let mut used = 0.0f64;
         for test in &response.tests {
-            relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             let bounds = relighter.error_bounds(&buffers);
-            let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             assert_eq!(bounds.len(), relit.basis.count());
             let planes =
                 relit.planes.chunks_exact(relit.cells).zip(test.uncompressed.chunks_exact(relit.cells));
@@ -156,14 +156,14 @@ fn light_of_any_stroke_is_off_by_no_more_than_the_stored_bounds() {
 
 #[test]
 fn without_a_threshold_nothing_is_lost() {
-    for (codec, channels) in [(Codec::Paper, HARMONICS), (Codec::Bytes, ChannelBasis::Directions26)] {
+    for (codec, channels) in [(Codec::Paper, HARMONICS), (Codec::Bytes, DirectionalBasis::Directions26)] {
         let case = Case { codec, channels, direct: DirectTerm::InRows, error: 0.0 };
         let Baked { asset, response } = bake(case);
         let relighter = Relighter::new(&asset).unwrap();
         assert!(relighter.response().bounds.iter().all(|bound| bound.total() == 0.0), "{codec:?}");
         let mut buffers = RelightBuffers::default();
         for test in &response.tests {
-            let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             let error = norm(relit.planes.iter().zip(&test.uncompressed).map(|(a, b)| f64::from(a - b)));
             assert!(error <= ROUND_OFF * norm(test.uncompressed.iter().map(|&v| f64::from(v))), "{codec:?}");
         }
@@ -179,7 +179,7 @@ fn with_all_light_as_the_budget_every_channel_is_left_at_its_mean() {
         let relighter = Relighter::new(&asset).unwrap();
         let mut buffers = RelightBuffers::default();
         for test in &response.tests {
-            let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+            let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             let cells = relit.cells;
             for (shown, wanted) in relit.planes.chunks_exact(cells).zip(test.uncompressed.chunks_exact(cells))
             {
@@ -199,11 +199,11 @@ fn the_papers_ambient_adds_the_bounds_of_what_was_left_out() {
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
     for test in &response.tests {
-        let plain = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers).unwrap();
+        let plain = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
         let (plain, cells) = (plain.planes.to_vec(), plain.cells);
-        let weights = relighter.weigh(&test.lamps, &mut buffers).unwrap().to_vec();
+        let weights = relighter.weigh(&test.lights, &mut buffers).unwrap().to_vec();
         let options = RelightOptions { paper_ambient: true };
-        let ambient = relighter.relight(&test.lamps, options, &mut buffers).unwrap();
+        let ambient = relighter.relight(&test.lights, options, &mut buffers).unwrap();
         for channel in 0..ambient.basis.count() {
             let gamma = |row: u32| f64::from(relighter.response().bounds_of(row as usize)[channel].discarded);
             let wanted: f64 = weights.iter().map(|w| f64::from(w.intensity) * gamma(w.row)).sum();
@@ -244,9 +244,9 @@ fn a_strokes_weights_sum_to_its_energy() {
         let stroke = Stroke::grow(&record);
         // Some hundred additions in double precision, then one rounding a row to single.
         assert_close(stroke.intensity(), 3e7, 1e-12, "segments");
-        let lamps = stroke.lamps(spacing);
-        assert_close(lamps.iter().map(|lamp| lamp.intensity).sum(), 3e7, 1e-12, "points of light");
-        let weights = relighter.weigh(&lamps, &mut buffers).unwrap();
+        let lights = stroke.lights(spacing);
+        assert_close(lights.iter().map(|light| light.intensity).sum(), 3e7, 1e-12, "points of light");
+        let weights = relighter.weigh(&lights, &mut buffers).unwrap();
         let sum: f64 = weights.iter().map(|weight| f64::from(weight.intensity)).sum();
         assert_close(sum, 3e7, 1e-7, "virtual sources");
         assert!(weights.iter().all(|weight| weight.intensity >= 0.0));
@@ -261,8 +261,8 @@ fn lamps_on_nodes_between_them_and_outside_split_as_they_should() {
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
     let mut weigh = |position: DVec3, intensity: f64| -> Option<Vec<f32>> {
-        let lamp = LampPoint { position, intensity };
-        let weights = relighter.weigh(std::slice::from_ref(&lamp), &mut buffers).ok()?;
+        let light = PointLight { position, intensity };
+        let weights = relighter.weigh(std::slice::from_ref(&light), &mut buffers).ok()?;
         Some(weights.iter().map(|weight| weight.intensity).collect())
     };
     // A node is its own source; halfway along an axis two share alike; in the middle of a box eight do.
@@ -345,10 +345,10 @@ fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fe
     let [(all, _), (seen, _)] = [bake(false, 0.0), bake(true, 0.0)];
     let [all, seen] = [&all, &seen].map(|asset| Relighter::new(asset).unwrap());
     let (mut a, mut b) = (RelightBuffers::default(), RelightBuffers::default());
-    for lamps in &strokes {
+    for lights in &strokes {
         let [all, seen] = [
-            all.relight(lamps, RelightOptions::default(), &mut a).unwrap(),
-            seen.relight(lamps, RelightOptions::default(), &mut b).unwrap(),
+            all.relight(lights, RelightOptions::default(), &mut a).unwrap(),
+            seen.relight(lights, RelightOptions::default(), &mut b).unwrap(),
         ];
         let size = norm(all.planes.iter().map(|&v| f64::from(v)));
         let shape = cloud.shape;

@@ -16,14 +16,14 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::Mode;
 use squall_formats::section::provenance::ProvenanceSection;
-use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm, DistantKind};
+use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind};
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
 use squall_runtime::Asset;
 use squall_runtime::density::{lookup_counts, read_density};
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::verify::verify;
 use std::path::PathBuf;
 
@@ -62,11 +62,11 @@ fn expected(name: &str) -> Value {
 /// Light per channel in every 29th cell, under a stroke of three points that touch many sources.
 fn relit(asset: &Asset) -> Vec<f64> {
     let relighter = Relighter::new(asset).unwrap();
-    let lamp = |x, y, z, intensity| LampPoint { position: DVec3::new(x, y, z), intensity };
-    let lamps =
-        [lamp(-150.0, -60.0, 680.0, 2e6), lamp(20.0, 10.0, 650.5, 1e6), lamp(131.0, 99.0, 700.0, 5e5)];
+    let light = |x, y, z, intensity| PointLight { position: DVec3::new(x, y, z), intensity };
+    let lights =
+        [light(-150.0, -60.0, 680.0, 2e6), light(20.0, 10.0, 650.5, 1e6), light(131.0, 99.0, 700.0, 5e5)];
     let mut buffers = RelightBuffers::default();
-    let relit = relighter.relight(&lamps, RelightOptions::default(), &mut buffers).unwrap();
+    let relit = relighter.relight(&lights, RelightOptions::default(), &mut buffers).unwrap();
     relit.planes.iter().step_by(29).map(|&v| f64::from(v)).collect()
 }
 
@@ -191,9 +191,9 @@ fn golden_responses_are_of_the_kinds_that_their_recipes_ask_for() {
         let head = Relighter::new(&asset).unwrap().response().head.clone();
         (head.channels, head.codec, head.direct, head.distant.len())
     };
-    let harmonics = ChannelBasis::Harmonics { degree: 1 };
+    let harmonics = DirectionalBasis::Harmonics { degree: 1 };
     assert_eq!(kind("golden"), (harmonics, Codec::Bytes, DirectTerm::AtRunTime, 3));
-    assert_eq!(kind("paper"), (ChannelBasis::Directions26, Codec::Paper, DirectTerm::InRows, 0));
+    assert_eq!(kind("paper"), (DirectionalBasis::Directions26, Codec::Paper, DirectTerm::InRows, 0));
     let asset = asset("golden");
     let distant = Relighter::new(&asset).unwrap().response().head.distant.clone();
     assert_eq!(distant[2].kind, DistantKind::Beam { direction: [0.8, 0.0, -0.6] });
@@ -216,8 +216,8 @@ fn the_golden_asset_for_eyes_says_which_cells_they_see_and_where_they_stand() {
     let asset = asset("eyes");
     let relighter = Relighter::new(&asset).unwrap();
     let section = relighter.response();
-    assert_eq!((section.version, section.head.channels), (2, ChannelBasis::Eyes { degree: 1 }));
-    assert_eq!(section.head.eyes, recipe("eyes").clouds.unwrap().response.eyes);
+    assert_eq!((section.version, section.head.channels), (2, DirectionalBasis::ViewRegion { degree: 1 }));
+    assert_eq!(section.head.view_region, recipe("eyes").clouds.unwrap().response.view_region);
     let seen = relighter.known_cells().iter().filter(|&&seen| seen).count();
     assert_eq!(
         (seen as u64, relighter.cloud().shape.len()),

@@ -7,7 +7,7 @@ use squall_formats::container::{Directory, OutSection, write};
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{ResponseSection, RowEntry, SourceBasis};
 use squall_formats::{Limits, Tag};
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::verify::verify;
 use squall_runtime::{Asset, RuntimeError};
 
@@ -93,11 +93,11 @@ fn any_flipped_bit_in_bulk_data_is_noticed_by_verify() {
 }
 
 /// A lamp on the first virtual source, and one on the last.
-fn lamps(relighter: &Relighter<'_>) -> [LampPoint; 2] {
-    let SourceBasis::LampGrid { x_m, y_m, z_m, .. } = &relighter.response().head.sources;
+fn lights(relighter: &Relighter<'_>) -> [PointLight; 2] {
+    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = &relighter.response().head.sources;
     let last = |axis: &[f64]| axis[axis.len() - 1];
-    let lamp = |position| LampPoint { position, intensity: 1.0 };
-    [lamp(DVec3::new(x_m[0], y_m[0], z_m[0])), lamp(DVec3::new(last(x_m), last(y_m), last(z_m)))]
+    let light = |position| PointLight { position, intensity: 1.0 };
+    [light(DVec3::new(x_m[0], y_m[0], z_m[0])), light(DVec3::new(last(x_m), last(y_m), last(z_m)))]
 }
 
 #[test]
@@ -110,9 +110,9 @@ fn a_damaged_row_is_refused_when_it_is_touched_and_not_before() {
     let asset = Asset::from_bytes(&bytes).unwrap();
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
-    let [first, last] = lamps(&relighter);
-    let relight = |lamp: LampPoint, buffers: &mut RelightBuffers| -> Result<f32, RuntimeError> {
-        relighter.relight(&[lamp], RelightOptions::default(), buffers).map(|relit| relit.planes[0])
+    let [first, last] = lights(&relighter);
+    let relight = |light: PointLight, buffers: &mut RelightBuffers| -> Result<f32, RuntimeError> {
+        relighter.relight(&[light], RelightOptions::default(), buffers).map(|relit| relit.planes[0])
     };
     let untouched = relight(last, &mut buffers).unwrap();
     for _ in 0..2 {

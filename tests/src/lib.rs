@@ -48,8 +48,6 @@ mod budget_rain;
 #[cfg(test)]
 mod codec;
 #[cfg(test)]
-mod eyes;
-#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod golden;
@@ -75,3 +73,5 @@ mod streaks;
 mod transport;
 #[cfg(test)]
 mod truth;
+#[cfg(test)]
+mod view_region;

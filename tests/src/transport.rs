@@ -324,10 +324,10 @@ fn rays_through_a_cells_faces_bring_the_direct_light_of_a_far_lamp_to_its_value(
     let path = crate::root().join("data/input/layer32.json");
     let cloud = read_scene(&path, Optics::default()).unwrap().cloud;
     let tracer = Tracer::new(&cloud, 1.0);
-    let lamp = Light::Point { position: DVec3::new(300.0, -2500.0, -1200.0), intensity: 1.0 };
+    let light = Light::Point { position: DVec3::new(300.0, -2500.0, -1200.0), intensity: 1.0 };
     let light = |samples: u32| -> Vec<f32> {
         let mut field = DirectField::<4>::new(&cloud, &[]);
-        tracer.rays(lamp, samples, |ray| {
+        tracer.rays(light, samples, |ray| {
             tracer.trace(ray, &mut field);
         });
         field.fluence

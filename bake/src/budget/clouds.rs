@@ -6,18 +6,18 @@
 
 use super::solver::{self, choose_solver};
 use super::{SAFETY, cost};
+use crate::candidate::{Candidate, Outcome, Whole};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
 use crate::recipe::{Clouds, Recipe};
-use crate::response::eyes::stand_apart;
-use crate::response::judge::Verdict;
+use crate::response::evaluate::Scores;
+use crate::response::view_region::stand_apart;
 use crate::response::{ResponseSettings, TestStroke};
-use crate::storm::clouds::{place_lamps, reach_of, strokes_for};
-use crate::trial::{Outcome, Trial, Whole};
-use squall_formats::eyes::MAX_EYE_DEGREE;
+use crate::storm::clouds::{place_lights, reach_of, strokes_for};
 use squall_formats::section::provenance::BudgetRecord;
-use squall_formats::section::response::{ChannelBasis, DirectTerm};
-use squall_runtime::relight::LampPoint;
+use squall_formats::section::response::{DirectTerm, DirectionalBasis};
+use squall_formats::view_region::MAX_VIEW_DEGREE;
+use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
 
 /// What a recipe asks of its clouds; nothing where a field is `None`.
@@ -50,13 +50,13 @@ pub struct Given {
 
 impl CloudBudget {
     /// The largest ratio of an error to what was asked; 0 where nothing was, without bound for what is no number.
-    pub fn over(&self, verdict: &Verdict) -> f64 {
+    pub fn over(&self, scores: &Scores) -> f64 {
         let ratio = |asked: Option<f64>, got: f64| match asked {
             Some(asked) if got.is_finite() => got / asked,
             Some(_) => f64::INFINITY,
             None => 0.0,
         };
-        ratio(self.stroke_l2, verdict.stroke.l2).max(ratio(self.relit_l2, verdict.codec.l2))
+        ratio(self.stroke_l2, scores.stroke.l2).max(ratio(self.relit_l2, scores.codec.l2))
     }
 
     /// The larger ratio of a response's bytes and of what a stroke counts for to what was asked; 0 where nothing was.
@@ -114,7 +114,7 @@ pub struct Tried {
     /// Distance between lamps, m.
     pub spacing_m: f64,
     /// Channels of the rows.
-    pub channels: ChannelBasis,
+    pub channels: DirectionalBasis,
     /// Error of coding.
     pub error: f64,
     /// What it gave and took.
@@ -123,9 +123,9 @@ pub struct Tried {
 
 impl Tried {
     fn words(&self) -> String {
-        let Outcome { verdict, bytes, relight_ms } = self.outcome;
+        let Outcome { scores, bytes, relight_ms } = self.outcome;
         let setting = setting(self.spacing_m, self.channels, self.error);
-        let (stroke, codec) = (100.0 * verdict.stroke.l2, 100.0 * verdict.codec.l2);
+        let (stroke, codec) = (100.0 * scores.stroke.l2, 100.0 * scores.codec.l2);
         let megabytes = bytes as f64 / 1e6;
         format!(
             "{setting}: stroke L2 {stroke:.2} %, relit L2 {codec:.2} %, {megabytes:.3} MB, counts for {relight_ms:.3} ms"
@@ -133,8 +133,8 @@ impl Tried {
     }
 }
 
-fn setting(spacing_m: f64, channels: ChannelBasis, error: f64) -> String {
-    let towards = if let ChannelBasis::Eyes { .. } = channels { " towards eyes" } else { "" };
+fn setting(spacing_m: f64, channels: DirectionalBasis, error: f64) -> String {
+    let towards = if let DirectionalBasis::ViewRegion { .. } = channels { " towards eyes" } else { "" };
     format!("lamps {spacing_m:.4} m apart, {} channels{towards}, coded to {error:.3e}", channels.count())
 }
 
@@ -172,16 +172,18 @@ pub fn choose(
     margins: Margins,
     progress: &dyn Progress,
 ) -> Result<Choice, BakeError> {
-    if let (ChannelBasis::Eyes { .. }, Some(eyes)) = (clouds.response.channels, &clouds.response.eyes)
-        && !stand_apart(cloud, eyes)
+    if let (DirectionalBasis::ViewRegion { .. }, Some(view_region)) =
+        (clouds.response.channels, &clouds.response.view_region)
+        && !stand_apart(cloud, view_region)
     {
         let wanted =
             "harmonics: the box of [clouds.eyes] is too near the cloud, or the cloud repeats without end";
-        let found = format!("channels towards eyes between {:?} and {:?} m", eyes.low_m, eyes.high_m);
+        let found =
+            format!("channels towards eyes between {:?} and {:?} m", view_region.low_m, view_region.high_m);
         return Err(BakeError::input(&recipe.file, "clouds.response.channels", wanted, found));
     }
     let mut choice = Choice {
-        spacing_m: clouds.lamps.spacing_m,
+        spacing_m: clouds.lights.spacing_m,
         settings: clouds.response,
         tried: 0,
         next_better: None,
@@ -195,9 +197,9 @@ pub fn choose(
     if choice.spacing_m == 0.0 {
         choice.spacing_m = side / 12.0;
     }
-    let strokes = |spacing_m: f64| -> Result<Vec<Vec<LampPoint>>, BakeError> {
-        let lamps = place_lamps(recipe, clouds, cloud, spacing_m)?;
-        let found = strokes_for(recipe, clouds, cloud, &lamps, spacing_m, 0..STROKES[1]);
+    let strokes = |spacing_m: f64| -> Result<Vec<Vec<PointLight>>, BakeError> {
+        let lights = place_lights(recipe, clouds, cloud, spacing_m)?;
+        let found = strokes_for(recipe, clouds, cloud, &lights, spacing_m, 0..STROKES[1]);
         if found.is_empty() {
             return Err(BakeError::NotReached {
                 what: "clouds.budget".into(),
@@ -209,14 +211,14 @@ pub fn choose(
         Ok(found)
     };
     if let (Some(asked), false) = (clouds.budget.solver_l2, clouds.given.solver) {
-        let lamps = place_lamps(recipe, clouds, cloud, choice.spacing_m)?;
+        let lights = place_lights(recipe, clouds, cloud, choice.spacing_m)?;
         // Each time that the chosen is judged by others, which judge nothing else.
-        let unseen = |round: usize| {
+        let hidden = |round: usize| {
             let first = SOLVER_STROKES + round * solver::STROKES;
-            strokes_for(recipe, clouds, cloud, &lamps, choice.spacing_m, first..first + solver::STROKES)
+            strokes_for(recipe, clouds, cloud, &lights, choice.spacing_m, first..first + solver::STROKES)
         };
         let tried_on = strokes(choice.spacing_m)?;
-        let found = choose_solver(cloud, &choice.settings, (&tried_on, &unseen), asked, progress)?;
+        let found = choose_solver(cloud, &choice.settings, (&tried_on, &hidden), asked, progress)?;
         choice.settings = found.settings;
         choice.solver = Some(found.record);
         choice.tried += found.tried;
@@ -246,27 +248,27 @@ pub fn choose(
     let mut attempt = |search: &mut Search, spacing_m: f64| -> Result<Option<Tried>, BakeError> {
         progress.check()?;
         // More lamps than days allow: the recipe did not name the spacing, so it is no mistake of its.
-        let Ok(lamps) = place_lamps(recipe, clouds, cloud, spacing_m) else {
+        let Ok(lights) = place_lights(recipe, clouds, cloud, spacing_m) else {
             full = true;
             return Ok(None);
         };
         let mut strokes = strokes(spacing_m)?;
         let widest = search.channels.last().copied().unwrap_or(choice.settings.channels);
-        while strokes.len() > STROKES[0] && Trial::bytes(&lamps, &strokes, widest, cloud) > MOST_BYTES {
+        while strokes.len() > STROKES[0] && Candidate::bytes(&lights, &strokes, widest, cloud) > MOST_BYTES {
             strokes.truncate(strokes.len() / 2);
         }
-        if Trial::bytes(&lamps, &strokes, widest, cloud) > MOST_BYTES {
+        if Candidate::bytes(&lights, &strokes, widest, cloud) > MOST_BYTES {
             full = true;
             return Ok(None);
         }
         let settings = ResponseSettings { channels: widest, ..choice.settings };
-        let same = solved.as_ref().filter(|tests| tests.iter().map(|t| &t.lamps).eq(strokes.iter()));
+        let same = solved.as_ref().filter(|tests| tests.iter().map(|t| &t.lights).eq(strokes.iter()));
         let known = same.map(Vec::as_slice);
         let whole = Whole { distant: clouds.distant.len(), flashes: &flashes };
-        let trial = Trial::new(cloud, &lamps, whole, &settings, (&strokes, known), &Quiet)?;
-        solved = Some(trial.tests());
+        let candidate = Candidate::new(cloud, &lights, whole, &settings, (&strokes, known), &Quiet)?;
+        solved = Some(candidate.tests());
         progress.advance(1);
-        search.at(spacing_m, &trial)
+        search.at(spacing_m, &candidate)
     };
     let mut best: Option<Tried> = None;
     for &spacing_m in &spacings {
@@ -303,8 +305,8 @@ pub fn choose(
     choice.settings.relative_error = best.error;
     // In the measures that were asked for, the one that is nearest to what was asked.
     let error = |tried: &&Tried| {
-        let verdict = tried.outcome.verdict;
-        if clouds.budget.errors() { clouds.budget.over(&verdict) } else { verdict.stroke.l2 }
+        let scores = tried.outcome.scores;
+        if clouds.budget.errors() { clouds.budget.over(&scores) } else { scores.stroke.l2 }
     };
     // In what binds: bytes, or milliseconds where those alone are asked for.
     let in_ms =
@@ -318,7 +320,7 @@ pub fn choose(
 }
 
 /// Channels that may be chosen, from few to many.
-fn channels(clouds: &Clouds, cloud: &Cloud) -> Vec<ChannelBasis> {
+fn channels(clouds: &Clouds, cloud: &Cloud) -> Vec<DirectionalBasis> {
     // Direct light inside the rows is too sharp for harmonics: whoever wants it there says in what channels.
     let fixed = clouds.given.channels
         || clouds.response.direct == DirectTerm::InRows
@@ -327,9 +329,11 @@ fn channels(clouds: &Clouds, cloud: &Cloud) -> Vec<ChannelBasis> {
         return vec![clouds.response.channels];
     }
     // Towards eyes only where they stand apart; last the widest, which the others are made from.
-    let eyes = clouds.response.eyes.filter(|eyes| stand_apart(cloud, eyes));
-    let eyes = eyes.iter().flat_map(|_| (0..=MAX_EYE_DEGREE).map(|degree| ChannelBasis::Eyes { degree }));
-    eyes.chain((0..=3).map(|degree| ChannelBasis::Harmonics { degree })).collect()
+    let view_region = clouds.response.view_region.filter(|view_region| stand_apart(cloud, view_region));
+    let view_region = view_region
+        .iter()
+        .flat_map(|_| (0..=MAX_VIEW_DEGREE).map(|degree| DirectionalBasis::ViewRegion { degree }));
+    view_region.chain((0..=3).map(|degree| DirectionalBasis::Harmonics { degree })).collect()
 }
 
 /// Errors of coding that may be chosen, from coarse to fine.
@@ -343,14 +347,14 @@ fn errors(clouds: &Clouds) -> Vec<f64> {
 struct Search<'a> {
     clouds: &'a Clouds,
     margins: Margins,
-    channels: Vec<ChannelBasis>,
+    channels: Vec<DirectionalBasis>,
     errors: Vec<f64>,
     tried: Vec<Tried>,
 }
 
 impl Search<'_> {
     /// The best candidate at one spacing, if any meets the budget.
-    fn at(&mut self, spacing_m: f64, trial: &Trial<'_>) -> Result<Option<Tried>, BakeError> {
+    fn at(&mut self, spacing_m: f64, candidate: &Candidate<'_>) -> Result<Option<Tried>, BakeError> {
         let mut best: Option<Tried> = None;
         for channels in self.channels.clone() {
             // The figures fall with the error and bytes rise: where they begin or cease to be met is found by halving.
@@ -359,11 +363,11 @@ impl Search<'_> {
             while low < high {
                 let middle = (low + high) / 2;
                 let error = self.errors[middle];
-                let outcome = trial.code(channels, self.clouds.response.codec, error)?;
+                let outcome = candidate.code(channels, self.clouds.response.codec, error)?;
                 let tried = Tried { spacing_m, channels, error, outcome };
                 self.tried.push(tried);
                 let budget = &self.clouds.budget;
-                let good = budget.over(&outcome.verdict) <= self.margins.errors;
+                let good = budget.over(&outcome.scores) <= self.margins.errors;
                 let fits = budget.over_cost(outcome.bytes, outcome.relight_ms) <= self.margins.costs;
                 if good && fits && best.is_none_or(|best| self.prefers(&tried, &best)) {
                     best = Some(tried);
@@ -384,7 +388,7 @@ impl Search<'_> {
         if self.clouds.budget.errors() {
             a.outcome.bytes < b.outcome.bytes
         } else {
-            a.outcome.verdict.stroke.l2 < b.outcome.verdict.stroke.l2
+            a.outcome.scores.stroke.l2 < b.outcome.scores.stroke.l2
         }
     }
 
@@ -398,7 +402,7 @@ impl Search<'_> {
             (self.margins.errors < SAFETY)
                 .then(|| format!("on the tried strokes {:.3} of that", self.margins.errors)),
         ];
-        let worst = |tried: &&Tried| budget.over(&tried.outcome.verdict);
+        let worst = |tried: &&Tried| budget.over(&tried.outcome.scores);
         let cost = |tried: &Tried| budget.over_cost(tried.outcome.bytes, tried.outcome.relight_ms);
         let fits = |tried: &&Tried| cost(tried) <= 1.0;
         let best = self.tried.iter().filter(fits).min_by(|a, b| worst(a).total_cmp(&worst(b)));
@@ -423,7 +427,7 @@ impl Search<'_> {
         if budget.relight_ms.is_some() {
             hints.push("allow more milliseconds".into());
         }
-        if self.clouds.response.eyes.is_none() {
+        if self.clouds.response.view_region.is_none() {
             hints.push("say in [clouds.eyes] where it is looked at from".into());
         }
         hints.push("ask for less".into());

@@ -10,7 +10,7 @@ use crate::error::BakeError;
 use crate::recipe::Recipe;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::response::{Codec, ResponseHead};
-use squall_runtime::relight::{LampPoint, RelightBuffers, Relighter, SourceWeight};
+use squall_runtime::relight::{PointLight, RelightBuffers, Relighter, SourceWeight};
 use squall_runtime::stroke::Stroke;
 
 /// Adding a coefficient of a row, a scattered addition.
@@ -33,30 +33,30 @@ pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
     1e-6 * (NS_PER_COEFFICIENT * coefficients + NS_PER_CELL * cells as f64)
 }
 
-/// Milliseconds that relighting `lamps` counts for.
+/// Milliseconds that relighting `lights` counts for.
 ///
 /// Errors: a lamp outside the baked reach.
 pub fn stroke_ms(
     relighter: &Relighter<'_>,
-    lamps: &[LampPoint],
+    lights: &[PointLight],
     buffers: &mut RelightBuffers,
 ) -> Result<f64, BakeError> {
     let response = relighter.response();
     let length = |weight: &SourceWeight| f64::from(response.index[weight.row as usize].length);
-    let bytes = relighter.weigh(lamps, buffers)?.iter().map(length).sum();
+    let bytes = relighter.weigh(lights, buffers)?.iter().map(length).sum();
     Ok(relight_ms(&response.head, bytes))
 }
 
 /// What a scene relights at once: each of its strokes, and those that flash one after the other in its own picture's list and have one
 /// colour, as frames sum them.
-pub fn flashes(recipe: &Recipe) -> Vec<Vec<LampPoint>> {
-    let lamps = |record: &StrokeRecord| Stroke::grow(record).lamps(0.0);
-    let mut all: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(lamps).collect();
+pub fn flashes(recipe: &Recipe) -> Vec<Vec<PointLight>> {
+    let lights = |record: &StrokeRecord| Stroke::grow(record).lights(0.0);
+    let mut all: Vec<Vec<PointLight>> = recipe.strokes.iter().map(lights).collect();
     let shown = recipe.view.iter().flat_map(|view| &view.flashes).filter(|flash| flash.brightness > 0.0);
     let shown: Vec<&StrokeRecord> =
         shown.filter_map(|flash| recipe.strokes.iter().find(|record| record.name == flash.stroke)).collect();
     for group in shown.chunk_by(|a, b| a.color == b.color).filter(|group| group.len() > 1) {
-        all.push(group.iter().flat_map(|record| lamps(record)).collect());
+        all.push(group.iter().flat_map(|record| lights(record)).collect());
     }
     all
 }
@@ -66,13 +66,13 @@ pub fn flashes(recipe: &Recipe) -> Vec<Vec<LampPoint>> {
 /// Errors: a point that is not finite.
 pub fn most_ms<'a>(
     relighter: &Relighter<'_>,
-    strokes: impl Iterator<Item = &'a [LampPoint]>,
+    strokes: impl Iterator<Item = &'a [PointLight]>,
 ) -> Result<f64, BakeError> {
     let mut buffers = RelightBuffers::default();
     let mut most = 0.0f64;
-    for lamps in strokes {
-        let reached: Vec<LampPoint> =
-            lamps.iter().filter(|lamp| relighter.reaches(lamp.position)).copied().collect();
+    for lights in strokes {
+        let reached: Vec<PointLight> =
+            lights.iter().filter(|light| relighter.reaches(light.position)).copied().collect();
         most = most.max(stroke_ms(relighter, &reached, &mut buffers)?);
     }
     Ok(most)

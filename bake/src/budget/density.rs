@@ -207,7 +207,7 @@ fn worst(classes: &[Class], probes: &[(MillimetresPerHour, Seconds)]) -> f64 {
 }
 
 fn verified(classes: &[Class], ranges: &Ranges, round: u64) -> f64 {
-    worst(classes, &seen(ranges)).max(worst(classes, &unseen(ranges, round)))
+    worst(classes, &seen(ranges)).max(worst(classes, &hidden(ranges, round)))
 }
 
 /// The place at `share` of a range, in the logarithm.
@@ -228,7 +228,7 @@ fn seen(ranges: &Ranges) -> Vec<(MillimetresPerHour, Seconds)> {
     (0..rates * exposures).map(pair).collect()
 }
 
-fn unseen(ranges: &Ranges, round: u64) -> Vec<(MillimetresPerHour, Seconds)> {
+fn hidden(ranges: &Ranges, round: u64) -> Vec<(MillimetresPerHour, Seconds)> {
     let mut random = Random::from_parts(&[STREAM, round]);
     let mut pair = |_| {
         let rate = between(ranges.rate.map(|r| r.0), random.unit());

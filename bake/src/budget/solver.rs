@@ -4,10 +4,10 @@
 use super::SAFETY;
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
-use crate::response::judge::Views;
+use crate::response::evaluate::Views;
 use crate::response::{ResponseSettings, TestStroke, solve_tests};
 use squall_formats::section::provenance::BudgetRecord;
-use squall_runtime::relight::LampPoint;
+use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
@@ -41,14 +41,14 @@ pub struct SolverChoice {
 }
 
 /// Chooses refinement and directions: of those that `strokes` find near enough to the finest the cheapest, in sub-cells times
-/// directions, which is what a sweep takes. Others judge it: `unseen` gives new ones for each number. Where those find it too far
+/// directions, which is what a sweep takes. Others judge it: `hidden` gives new ones for each number. Where those find it too far
 /// off, the next round asks the first for as much less of what costs more.
 ///
 /// Errors: a solve that does not converge, no unseen stroke, an interruption.
 pub fn choose_solver(
     cloud: &Cloud,
     settings: &ResponseSettings,
-    (strokes, unseen): (&[Vec<LampPoint>], &dyn Fn(usize) -> Vec<Vec<LampPoint>>),
+    (strokes, hidden): (&[Vec<PointLight>], &dyn Fn(usize) -> Vec<Vec<PointLight>>),
     asked: f64,
     progress: &dyn Progress,
 ) -> Result<SolverChoice, BakeError> {
@@ -68,7 +68,7 @@ pub fn choose_solver(
     candidates.sort_by_key(|&(cost, ..)| cost);
     let last = candidates.len() - 1;
     progress.begin("solver budget", candidates.len() as u64);
-    let solve = |strokes: &[Vec<LampPoint>], at: usize| -> Result<Vec<TestStroke>, BakeError> {
+    let solve = |strokes: &[Vec<PointLight>], at: usize| -> Result<Vec<TestStroke>, BakeError> {
         let (_, refine, _, quadrature) = candidates[at];
         let solve = SolveSettings { quadrature, ..settings.solve };
         let settings = ResponseSettings { refine, solve, ..*settings };
@@ -99,7 +99,7 @@ pub fn choose_solver(
         if at == last {
             break;
         }
-        let others = unseen(round);
+        let others = hidden(round);
         if others.is_empty() {
             return Err(BakeError::NotReached {
                 what: "clouds.budget.solver_l2".into(),
@@ -152,7 +152,7 @@ fn error_of(
 ) -> f64 {
     let seen = truth.first().map(|test| test.seen.clone()).unwrap_or_default();
     let known = |cell: usize| seen.is_empty() || seen[cell];
-    let views = Views::new(cloud, settings.eyes.as_ref(), number, known);
+    let views = Views::new(cloud, settings.view_region.as_ref(), number, known);
     let light = |test: &TestStroke| views.truth(test, settings.direct).0;
     let square: f64 =
         found.iter().zip(truth).map(|(x, r)| views.compare(&light(x), &light(r)).l2).map(|l2| l2 * l2).sum();

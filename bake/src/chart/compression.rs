@@ -3,16 +3,16 @@
 use super::clock::seconds;
 use super::scene::chart_scene;
 use super::{Cost, Point, Sweep};
+use crate::candidate::{asset_of, touched};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
-use crate::response::judge::{RelitError, ViewFactors, Views};
-use crate::response::{LampGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
-use crate::storm::clouds::{place_lamps, strokes_for};
-use crate::trial::{asset_of, touched};
-use squall_formats::eyes::EyeFrame;
-use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
+use crate::response::evaluate::{RelitError, ViewFactors, Views};
+use crate::response::{LightGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
+use crate::storm::clouds::{place_lights, strokes_for};
+use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
+use squall_formats::view_region::ViewRegionFrame;
 use squall_runtime::relight::{
-    RelightBuffers, RelightOptions, Relighter, Relit, SourceWeight, eye_frame, split_lamps,
+    RelightBuffers, RelightOptions, Relighter, Relit, SourceWeight, split_lights, view_region_frame,
 };
 use squall_runtime::transport::Cloud;
 
@@ -31,15 +31,15 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(Vec::new()) };
     let (clouds, cloud) = (scene.clouds, &scene.cloud);
     let spacing_m = scene.spacing_m;
-    let lamps = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
+    let lights = place_lights(task.recipe, clouds, cloud, spacing_m)?;
     let strokes =
-        strokes_for(task.recipe, clouds, cloud, &lamps, spacing_m, 0..if task.quick { 2 } else { 4 });
+        strokes_for(task.recipe, clouds, cloud, &lights, spacing_m, 0..if task.quick { 2 } else { 4 });
     if strokes.is_empty() {
         return Ok(Vec::new());
     }
-    let all = lamps.wanted_count();
-    let wanted = touched(&lamps, &strokes);
-    let sources = Sources { lamps: LampGrid { wanted, ..lamps }, distant: Vec::new() };
+    let all = lights.wanted_count();
+    let wanted = touched(&lights, &strokes);
+    let sources = Sources { lights: LightGrid { wanted, ..lights }, distant: Vec::new() };
     let mut errors = if task.quick {
         vec![0.1, 0.01]
     } else {
@@ -50,9 +50,9 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         errors.push(own.relative_error);
     }
     let mut kinds = vec![
-        (ChannelBasis::Directions26, DirectTerm::InRows),
-        (ChannelBasis::Harmonics { degree: 3 }, DirectTerm::AtRunTime),
-        (ChannelBasis::Harmonics { degree: 1 }, DirectTerm::AtRunTime),
+        (DirectionalBasis::Directions26, DirectTerm::InRows),
+        (DirectionalBasis::Harmonics { degree: 3 }, DirectTerm::AtRunTime),
+        (DirectionalBasis::Harmonics { degree: 1 }, DirectTerm::AtRunTime),
     ];
     if !kinds.contains(&(own.channels, own.direct)) {
         kinds.push((own.channels, own.direct));
@@ -65,8 +65,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         let solved = solve_rows(cloud, &sources, &settings, &strokes, None, &Quiet)?;
         let sight = Sight::new(cloud, &solved);
         let what = match (channels, direct) {
-            (ChannelBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
-            (ChannelBasis::Eyes { .. }, _) => {
+            (DirectionalBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
+            (DirectionalBasis::ViewRegion { .. }, _) => {
                 format!("{} channels towards eyes, direct light at run time", channels.count())
             }
             (other, _) => format!("{} harmonics, direct light at run time", other.count()),
@@ -104,19 +104,19 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 pub struct Sight {
     views: Views,
     factors: ViewFactors,
-    frame: Option<EyeFrame>,
+    frame: Option<ViewRegionFrame>,
 }
 
 impl Sight {
     fn new(cloud: &Cloud, solved: &SolvedRows) -> Self {
         let head = &solved.head;
-        let frame = head.eyes.as_ref().map(|eyes| eye_frame(eyes, cloud));
-        let views = Views::new(cloud, head.eyes.as_ref(), 0, |cell| head.sees(cell));
+        let frame = head.view_region.as_ref().map(|view_region| view_region_frame(view_region, cloud));
+        let views = Views::new(cloud, head.view_region.as_ref(), 0, |cell| head.sees(cell));
         Self { factors: views.factors(head.channels, frame.as_ref()), views, frame }
     }
 
     /// Errors of one stroke's channels against others of the same kind.
-    pub fn errors(&self, basis: ChannelBasis, found: &[f32], wanted: &[f32]) -> RelitError {
+    pub fn errors(&self, basis: DirectionalBasis, found: &[f32], wanted: &[f32]) -> RelitError {
         let light = |planes| Relit { basis, frame: self.frame, cells: found.len() / basis.count(), planes };
         self.views.errors(&light(found), &light(wanted), &self.factors)
     }
@@ -124,7 +124,7 @@ impl Sight {
 
 /// The rows that each stroke touches with their weights, and the time that adding a stroke's rows takes, a mean over strokes.
 pub fn timed_sums(solved: &SolvedRows) -> Result<(Vec<Vec<SourceWeight>>, Cost), BakeError> {
-    let weights = solved.tests.iter().map(|test| split_lamps(&solved.head, &test.lamps));
+    let weights = solved.tests.iter().map(|test| split_lights(&solved.head, &test.lights));
     let weights: Vec<Vec<SourceWeight>> = weights.collect::<Result<_, _>>()?;
     // What the values are makes no difference to the time.
     let rows = &solved.planes;
@@ -170,7 +170,7 @@ fn coded(
     cloud: &Cloud,
     solved: &SolvedRows,
     sight: &Sight,
-    (channels, codec, error): (ChannelBasis, Codec, f64),
+    (channels, codec, error): (DirectionalBasis, Codec, f64),
     ambient: bool,
 ) -> Result<Point, BakeError> {
     let baked = solved.encode(channels, codec, error);
@@ -181,13 +181,13 @@ fn coded(
     let mut buffers = RelightBuffers::default();
     let mut each = Vec::with_capacity(tests.len());
     for test in &tests {
-        let relit = relighter.relight(&test.lamps, options, &mut buffers)?;
+        let relit = relighter.relight(&test.lights, options, &mut buffers)?;
         each.push(sight.errors(channels, relit.planes, &test.uncompressed));
     }
     let strokes = tests.len() as f64;
     let (done, cost) = seconds(REPEATS, || -> Result<(), BakeError> {
         for test in &tests {
-            relighter.relight(&test.lamps, options, &mut buffers)?;
+            relighter.relight(&test.lights, options, &mut buffers)?;
         }
         Ok(())
     });

@@ -4,21 +4,21 @@
 use super::clock::seconds;
 use super::scene::{ChartScene, chart_scene};
 use super::{Cost, Point, Sweep};
+use crate::candidate::{asset_of, touched};
 use crate::cloud::automatic_samples;
 use crate::error::BakeError;
 use crate::monte_carlo::{ChanceSettings, solve_by_chance};
 use crate::progress::{Progress, Quiet};
 use crate::relit::relight;
-use crate::response::{LampGrid, ResponseSettings, Sources, bake_response};
-use crate::storm::clouds::place_lamps;
-use crate::trial::{asset_of, touched};
+use crate::response::{LightGrid, ResponseSettings, Sources, bake_response};
+use crate::storm::clouds::place_lights;
 use glam::DVec3;
-use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm};
+use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::frame::camera_of;
 use squall_runtime::live::LiveSolver;
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::direct::Light;
 
@@ -38,9 +38,9 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let most = if task.quick { 1 << 10 } else { 1 << 13 };
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(Vec::new()) };
     let (clouds, cloud) = (scene.clouds, &scene.cloud);
-    let lamps = stroke_of(task, &scene);
+    let lights = stroke_of(task, &scene);
     let camera = camera(task, &scene)?;
-    let (truth, noise) = path_trace(task, &scene, &lamps, &camera, progress)?;
+    let (truth, noise) = path_trace(task, &scene, &lights, &camera, progress)?;
     let words = format!(
         "{}, {} × {} px: path traced (its noise {:.1} %)",
         scene.words,
@@ -56,19 +56,19 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         (
             "baked for any eye, 16 channels",
             DirectTerm::AtRunTime,
-            ChannelBasis::Harmonics { degree: 3 },
+            DirectionalBasis::Harmonics { degree: 3 },
             usual,
         ),
         (
             "baked for any eye, 4 channels",
             DirectTerm::AtRunTime,
-            ChannelBasis::Harmonics { degree: 1 },
+            DirectionalBasis::Harmonics { degree: 1 },
             usual,
         ),
         (
             "paper: direct light baked, 26 directions",
             DirectTerm::InRows,
-            ChannelBasis::Directions26,
+            DirectionalBasis::Directions26,
             Codec::Paper,
         ),
     ];
@@ -86,17 +86,17 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             progress.check()?;
             progress.advance(1);
             let spacing_m = own * step;
-            let grid = place_lamps(task.recipe, clouds, cloud, spacing_m)?;
-            let wanted = touched(&grid, std::slice::from_ref(&lamps));
+            let grid = place_lights(task.recipe, clouds, cloud, spacing_m)?;
+            let wanted = touched(&grid, std::slice::from_ref(&lights));
             let all = grid.wanted_count();
             let mut settings = ResponseSettings { direct, channels, codec, ..scene.settings };
             if (direct, channels, codec) != mine {
                 // Those are baked for eyes anywhere: what a box of eyes saves is the recipe's own.
-                settings.eyes = None;
+                settings.view_region = None;
             }
-            let grid = LampGrid { wanted, ..grid };
+            let grid = LightGrid { wanted, ..grid };
             let tried = grid.wanted_count();
-            let mut point = flash(&scene, grid, &settings, &lamps, &camera, &truth)?;
+            let mut point = flash(&scene, grid, &settings, &lights, &camera, &truth)?;
             point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
             if let Some(bytes) = point.bytes {
                 point.costs.push((BYTES, Cost::exact(bytes as f64)));
@@ -115,15 +115,15 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             progress.advance(1);
             let mut settings = ResponseSettings {
                 direct: DirectTerm::AtRunTime,
-                channels: ChannelBasis::Harmonics { degree: 0 },
+                channels: DirectionalBasis::Harmonics { degree: 0 },
                 refine,
                 ..scene.settings
             };
             settings.solve.tolerance = tolerance;
             // One lamp far from the stroke: nothing of it is baked, so all of it is solved for.
             let far = cloud.far_corner() + DVec3::splat(10.0 * side);
-            let grid = LampGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
-            let mut point = flash(&scene, grid, &settings, &lamps, &camera, &truth)?;
+            let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
+            let mut point = flash(&scene, grid, &settings, &lights, &camera, &truth)?;
             point.series = format!("live solve, refinement {refine}");
             point.setting = format!("live solve, refinement {refine}, residual {tolerance:e}");
             point.truth = words.clone();
@@ -137,13 +137,13 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 /// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
 fn flash(
     scene: &ChartScene<'_>,
-    lamps: LampGrid,
+    lights: LightGrid,
     settings: &ResponseSettings,
-    stroke: &[LampPoint],
+    stroke: &[PointLight],
     camera: &Camera,
     truth: &[f32],
 ) -> Result<Point, BakeError> {
-    let sources = Sources { lamps, distant: Vec::new() };
+    let sources = Sources { lights, distant: Vec::new() };
     let baked = bake_response(&scene.cloud, &sources, settings, &[], &Quiet)?;
     let (asset, bytes) = asset_of(&scene.cloud, baked)?;
     let relighter = Relighter::new(&asset)?;
@@ -191,21 +191,21 @@ fn flash(
 }
 
 /// A few points of the recipe's first stroke in the cloud, or one lamp inside it.
-fn stroke_of(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Vec<LampPoint> {
+fn stroke_of(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Vec<PointLight> {
     let cloud = &scene.cloud;
     let inside =
-        |p: &LampPoint| p.position.cmpge(cloud.origin_m).all() && p.position.cmple(cloud.far_corner()).all();
-    let points: Vec<LampPoint> = task
+        |p: &PointLight| p.position.cmpge(cloud.origin_m).all() && p.position.cmple(cloud.far_corner()).all();
+    let points: Vec<PointLight> = task
         .recipe
         .strokes
         .first()
-        .map(|record| Stroke::grow(record).lamps(0.0).into_iter().filter(inside).collect())
+        .map(|record| Stroke::grow(record).lights(0.0).into_iter().filter(inside).collect())
         .unwrap_or_default();
     if points.is_empty() {
-        return vec![scene.lamp(task.recipe)];
+        return vec![scene.light(task.recipe)];
     }
     let step = points.len().div_ceil(LAMPS);
-    points.iter().step_by(step).map(|p| LampPoint { intensity: 1.0, ..*p }).collect()
+    points.iter().step_by(step).map(|p| PointLight { intensity: 1.0, ..*p }).collect()
 }
 
 /// The recipe's own camera on few pixels, or one that sees the whole cloud from its side.
@@ -218,8 +218,8 @@ fn camera(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Result<Camera, BakeError>
     }
     let (low, high) = (scene.cloud.origin_m, scene.cloud.far_corner());
     let (middle, extent) = (0.5 * (low + high), (high - low).length());
-    let eye = match scene.settings.eyes {
-        Some(eyes) => DVec3::from_array(eyes.centre()),
+    let eye = match scene.settings.view_region {
+        Some(view_region) => DVec3::from_array(view_region.centre()),
         None => middle - DVec3::Y * 1.2 * extent - DVec3::Z * 0.2 * extent,
     };
     let projection = Projection::Perspective { vertical_fov: Radians::from(Degrees(40.0)) };
@@ -230,15 +230,15 @@ fn camera(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Result<Camera, BakeError>
 fn path_trace(
     task: &Sweep<'_>,
     scene: &ChartScene<'_>,
-    lamps: &[LampPoint],
+    lights: &[PointLight],
     camera: &Camera,
     progress: &dyn Progress,
 ) -> Result<(Vec<f32>, f64), BakeError> {
     let photons: u64 = if task.quick { 100_000 } else { 2_000_000 };
     let cameras = [("camera".to_owned(), camera.clone())];
     let (mut sum, mut square): (Vec<f32>, f64) = (Vec::new(), 0.0);
-    for (at, lamp) in lamps.iter().enumerate() {
-        let light = Light::Point { position: lamp.position, intensity: lamp.intensity };
+    for (at, light) in lights.iter().enumerate() {
+        let light = Light::Point { position: light.position, intensity: light.intensity };
         let settings = ChanceSettings { photons, seed: SEED + at as u64 };
         let (fields, _) = solve_by_chance(&scene.cloud, light, &cameras, &settings, progress)?;
         let image = &fields.images[0].2;

@@ -17,7 +17,7 @@ use super::{Cost, Point};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::response::SolvedRows;
-use crate::response::judge::RelitError;
+use crate::response::evaluate::RelitError;
 use exchange::{Coded, Exchange};
 use serde::Deserialize;
 use squall_formats::section::response::{self, ResponseRows};
@@ -77,16 +77,16 @@ impl Peers {
         if self.found.is_empty() || solved.planes.is_empty() {
             return Ok(Vec::new());
         }
-        let judge = Judge::new(solved, sight)?;
+        let evaluate = Evaluate::new(solved, sight)?;
         let exchange = Exchange::new(&self.script, solved)?;
         let mut points = Vec::new();
         for peer in &self.found {
             for &error in asked(quick) {
                 progress.check()?;
                 let coded = exchange.code(peer, error, DECODINGS, progress)?;
-                let mut sums = judge.sums();
-                exchange.read_back(peer, |row, values| judge.add(&mut sums, row, values))?;
-                points.push(judge.point(peer, error, &coded, &sums, (truth, all)));
+                let mut sums = evaluate.sums();
+                exchange.read_back(peer, |row, values| evaluate.add(&mut sums, row, values))?;
+                points.push(evaluate.point(peer, error, &coded, &sums, (truth, all)));
                 progress.advance(1);
             }
         }
@@ -99,7 +99,7 @@ fn asked(quick: bool) -> &'static [f64] {
 }
 
 /// Strokes as sums over rows of light in cells.
-struct Judge<'a> {
+struct Evaluate<'a> {
     solved: &'a SolvedRows,
     /// From where they are judged.
     sight: &'a Sight,
@@ -111,7 +111,7 @@ struct Judge<'a> {
     around: u64,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> Evaluate<'a> {
     fn new(solved: &'a SolvedRows, sight: &'a Sight) -> Result<Self, BakeError> {
         let (weights, adding) = timed_sums(solved)?;
         let rows = &solved.planes;

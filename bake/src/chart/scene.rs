@@ -6,9 +6,9 @@ use crate::input::scene::read_scene;
 use crate::progress::Quiet;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::ResponseSettings;
-use crate::response::judge::extinction_at;
+use crate::response::evaluate::extinction_at;
 use squall_formats::GridShape;
-use squall_runtime::relight::LampPoint;
+use squall_runtime::relight::PointLight;
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::Cloud;
 
@@ -74,9 +74,9 @@ fn coarsened(cloud: &Cloud, factor: [usize; 3]) -> Result<Cloud, BakeError> {
 
 impl ChartScene<'_> {
     /// A lamp inside the cloud: the point of the recipe's strokes with the densest cell, or the densest cell's own middle.
-    pub fn lamp(&self, recipe: &Recipe) -> LampPoint {
+    pub fn light(&self, recipe: &Recipe) -> PointLight {
         let cloud = &self.cloud;
-        let points = recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0));
+        let points = recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lights(0.0));
         let deepest =
             points.map(|p| (extinction_at(cloud, p.position), p.position)).max_by(|a, b| a.0.total_cmp(&b.0));
         let position = match deepest {
@@ -87,6 +87,6 @@ impl ChartScene<'_> {
                 cloud.centre(cloud.shape.cell(densest))
             }
         };
-        LampPoint { position, intensity: 1.0 }
+        PointLight { position, intensity: 1.0 }
     }
 }

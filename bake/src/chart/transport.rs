@@ -40,8 +40,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let mut cases = Vec::new();
     if let Some(folder) = &task.reference {
         let all = [("layer32", "near"), ("slab32", "below"), ("layer32", "inside")];
-        for (scene, lamp) in &all[..if task.quick { 1 } else { all.len() }] {
-            cases.push(reference_case(folder, scene, lamp)?);
+        for (scene, light) in &all[..if task.quick { 1 } else { all.len() }] {
+            cases.push(reference_case(folder, scene, light)?);
         }
     }
     cases.extend(own_case(task, progress)?);
@@ -110,17 +110,17 @@ impl Case {
     }
 }
 
-fn reference_case(folder: &Path, name: &str, lamp: &str) -> Result<Case, BakeError> {
+fn reference_case(folder: &Path, name: &str, light: &str) -> Result<Case, BakeError> {
     let scene = read_scene(&folder.join(format!("clouds/scenes/{name}.json")), Optics::default())?;
     let read = |end: &str| -> Result<Vec<f32>, BakeError> {
-        let path = folder.join(format!("clouds/fields/{name}__{lamp}.phi_sc{end}.f32"));
+        let path = folder.join(format!("clouds/fields/{name}__{light}.phi_sc{end}.f32"));
         crate::input::read_grid(&path, scene.cloud.shape.len())
     };
     let (wanted, errors) = (read("")?, read("_se")?);
     let noise = Case::noise(&wanted, &errors, &scene.cloud);
     Ok(Case {
-        words: format!("reference {name}, lamp {lamp} (its noise {:.1} %)", 100.0 * noise),
-        light: scene.light(lamp)?,
+        words: format!("reference {name}, lamp {light} (its noise {:.1} %)", 100.0 * noise),
+        light: scene.light(light)?,
         cloud: scene.cloud,
         wanted,
         errors,
@@ -132,8 +132,8 @@ fn own_case(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Option<Case>, B
     const SEED: u64 = 1;
     let (most, photons) = if task.quick { (1 << 11, 400_000) } else { (1 << 13, 40_000_000) };
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(None) };
-    let lamp = scene.lamp(task.recipe);
-    let light = Light::Point { position: lamp.position, intensity: lamp.intensity };
+    let light = scene.light(task.recipe);
+    let light = Light::Point { position: light.position, intensity: light.intensity };
     let (fields, _) =
         solve_by_chance(&scene.cloud, light, &[], &ChanceSettings { photons, seed: SEED }, progress)?;
     let (wanted, errors) = (fields.phi_scattered.mean, fields.phi_scattered.error.unwrap_or_default());

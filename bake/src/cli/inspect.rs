@@ -8,7 +8,7 @@ use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
 use squall_formats::section::response::{
-    ChannelBasis, Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
+    Codec, DirectTerm, DirectionalBasis, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
 };
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
@@ -207,20 +207,20 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
 }
 
 fn describe_response(head: &ResponseHead) -> String {
-    let SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &head.sources;
+    let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &head.sources;
     let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
     let channels = match head.channels {
-        ChannelBasis::Directions26 => "26 directions".to_owned(),
-        ChannelBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
-        ChannelBasis::Eyes { .. } => format!("{} channels towards eyes", head.channels.count()),
+        DirectionalBasis::Directions26 => "26 directions".to_owned(),
+        DirectionalBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
+        DirectionalBasis::ViewRegion { .. } => format!("{} channels towards eyes", head.channels.count()),
     };
     let cells = head.shape.len();
     let seen = match (0..cells).filter(|&cell| head.sees(cell)).count() {
         all if all == cells => String::new(),
         seen => format!(", light in {seen} of {cells} cells"),
     };
-    let eyes = head.eyes.as_ref().map_or_else(String::new, |eyes| {
-        let [low, high] = [eyes.low_m, eyes.high_m].map(DVec3::from_array);
+    let view_region = head.view_region.as_ref().map_or_else(String::new, |view_region| {
+        let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
         format!(", for eyes between {low} and {high} m")
     });
     let codec = match head.codec {
@@ -232,7 +232,7 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::AtRunTime => "direct light at run time",
     };
     format!(
-        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}{seen}{eyes}",
+        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}{seen}{view_region}",
         x_m.len(),
         y_m.len(),
         z_m.len(),

@@ -33,8 +33,8 @@ pub fn write(path: &Path, picture: Option<&Picture>, tone: &Tone) -> anyhow::Res
 /// Says what was drawn.
 pub fn say(path: &Path, view: &ViewSection, report: &FrameReport, seconds: f64) -> anyhow::Result<()> {
     let [width, height] = view.camera.size_px;
-    let FrameReport { lamps, sources, streaks } = report;
-    let light = format!("{lamps} points of lightning on {sources} baked sources");
+    let FrameReport { lights, sources, streaks } = report;
+    let light = format!("{lights} points of lightning on {sources} baked sources");
     say!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", path.display());
     Ok(())
 }

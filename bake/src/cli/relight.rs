@@ -6,7 +6,7 @@ use super::progress::Bars;
 use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::fields::grey_picture;
-use squall_bake::input::scene::{read_camera, read_lamps};
+use squall_bake::input::scene::{read_camera, read_lights};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::relit::{DirectFrom, relight};
@@ -56,7 +56,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     picture::check_name(&args.out)?;
     let asset = Asset::open(&args.asset)?;
     let relighter = Relighter::new(&asset)?;
-    let lamps = read_lamps(&args.lamps)?;
+    let lamps = read_lights(&args.lamps)?;
     let (name, camera) = read_camera(&args.camera)?;
     check_apart(&[&args.out], [&args.asset, &args.lamps, &args.camera].into_iter())?;
     check_parent(&args.out)?;
@@ -74,7 +74,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         eprintln!(
             "note: {} of {} lamps lie outside what was baked (within {low} to {high} m); solved for on the spot, {} sweeps, \
              {:.2} s",
-            report.lamps_outside, report.lamps, live.sweeps, live.seconds
+            report.lights_outside, report.lights, live.sweeps, live.seconds
         );
     }
     let (_, width, image) =
@@ -86,7 +86,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     say!(
         "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
         args.out.display(),
-        report.lamps,
+        report.lights,
         report.sources,
         report.relight_ms,
         100.0 * report.error_bound,

@@ -12,7 +12,8 @@ pub struct Args {
 
 /// Exits 1 when the asset is damaged; a file that is no asset, or one of a newer version, is bad input and exits 3.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let done = Asset::open_directory(&args.asset).and_then(|asset| verify::verify(&asset)).map_err(judge)?;
+    let done =
+        Asset::open_directory(&args.asset).and_then(|asset| verify::verify(&asset)).map_err(evaluate)?;
     let unknown = match done.unknown {
         0 => String::new(),
         count => format!(", and {count} of unknown kind"),
@@ -27,7 +28,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     super::table::print(&line)
 }
 
-fn judge(error: RuntimeError) -> BakeError {
+fn evaluate(error: RuntimeError) -> BakeError {
     match &error {
         RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Failed(error.to_string()),
         _ => BakeError::Asset(error),

@@ -70,7 +70,7 @@ pub struct Sampling<'a> {
     /// Rays per pixel and axis.
     per_edge: usize,
     /// Where lamps are in the picture, pixels.
-    lamps: Vec<DVec2>,
+    lights: Vec<DVec2>,
 }
 
 impl<'a> Sampling<'a> {
@@ -90,7 +90,7 @@ impl<'a> Sampling<'a> {
             Light::Point { position, .. } => camera.project(*position).map(|at| at.pixel),
             Light::Beam { .. } => None,
         };
-        Self { camera, per_edge, lamps: lights.iter().filter_map(place).collect() }
+        Self { camera, per_edge, lights: lights.iter().filter_map(place).collect() }
     }
 
     /// Means over pixels of `look(x, y, width)`, the radiance at a place of the picture for a ray of that width. Rows run in
@@ -122,8 +122,8 @@ impl<'a> Sampling<'a> {
     /// Mean over a square of 2^−depth pixels an edge; what is near a lamp, for its size, is halved and halved again.
     fn mean(&self, corner: DVec2, depth: u32, look: &impl Fn(f64, f64, RayWidth) -> f64) -> f64 {
         let edge = 1.0 / f64::from(1u32 << depth);
-        let away = |lamp: &DVec2| (corner - *lamp).max(*lamp - corner - edge).max_element();
-        if depth < DEEPEST && self.lamps.iter().any(|lamp| away(lamp) < 0.5 * edge) {
+        let away = |light: &DVec2| (corner - *light).max(*light - corner - edge).max_element();
+        if depth < DEEPEST && self.lights.iter().any(|light| away(light) < 0.5 * edge) {
             let quarter = |at: usize| corner + 0.5 * edge * DVec2::new((at % 2) as f64, (at / 2) as f64);
             return 0.25 * (0..4).map(|at| self.mean(quarter(at), depth + 1, look)).sum::<f64>();
         }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use squall_formats::GridShape;
 use squall_formats::units::Radians;
 use squall_runtime::camera::{Camera, Projection, vertical_from_horizontal};
-use squall_runtime::relight::LampPoint;
+use squall_runtime::relight::PointLight;
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::{Boundary, Cloud};
 use std::path::{Path, PathBuf};
@@ -213,11 +213,11 @@ const MOST_DEPTH: f64 = 1e4;
 const MAX_CELLS: usize = 1 << 28;
 
 /// Reads LAMPS.json: a list of point sources. Keys other than position and intensity are for people.
-pub fn read_lamps(path: &Path) -> Result<Vec<LampPoint>, BakeError> {
+pub fn read_lights(path: &Path) -> Result<Vec<PointLight>, BakeError> {
     let list: Vec<LightFile> = read_json(path, "a list of lamps (LAMPS.json)")?;
-    let point = |(i, lamp): (usize, &LightFile)| {
-        let (position, intensity) = lamp.read_point(path, &format!("[{i}]"))?;
-        Ok(LampPoint { position, intensity })
+    let point = |(i, light): (usize, &LightFile)| {
+        let (position, intensity) = light.read_point(path, &format!("[{i}]"))?;
+        Ok(PointLight { position, intensity })
     };
     list.iter().enumerate().map(point).collect()
 }

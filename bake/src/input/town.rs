@@ -15,7 +15,7 @@ struct TownFile {
     #[serde(default)]
     blocks: Vec<BlockFile>,
     #[serde(default)]
-    lamps: Vec<LampFile>,
+    lamps: Vec<LightFile>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     hills: Option<HillsFile>,
 }
@@ -71,7 +71,7 @@ struct WindowsFile {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct LampFile {
+struct LightFile {
     position_m: [f32; 3],
     #[serde(rename = "intensity_W_per_sr")]
     intensity: [f32; 3],
@@ -178,7 +178,7 @@ impl TownFile {
                 roads: roads.collect(),
             },
             blocks: blocks.collect(),
-            lamps: lamps.map(|l| LampFile { position_m: l.position, intensity: l.intensity }).collect(),
+            lamps: lamps.map(|l| LightFile { position_m: l.position, intensity: l.intensity }).collect(),
             hills: town.hills.as_ref().map(|hills| HillsFile {
                 origin_m: hills.origin,
                 cell_m: hills.cell,

@@ -25,7 +25,7 @@ const LEAST_SLOPE: f64 = 1e-3;
 
 /// A camera that gathers scattered light.
 #[derive(Clone, Debug)]
-pub struct Eye {
+pub struct Viewpoint {
     camera: Camera,
     /// Pixels per unit of depth (perspective) or per metre (orthographic), right and up.
     scale: DVec2,
@@ -34,7 +34,7 @@ pub struct Eye {
     copies: Option<[DVec2; 2]>,
 }
 
-impl Eye {
+impl Viewpoint {
     /// For the camera called `name`.
     ///
     /// Errors, where the grid repeats: a perspective camera, one that looks level, more than 65 536 copies in the picture.

@@ -5,7 +5,7 @@
 //! and leaves weight times length in each cell passed. A collision takes the absorbed share of the weight; light paths end
 //! outside, or by Russian roulette once little is left.
 
-use super::image::Eye;
+use super::image::Viewpoint;
 use super::phase::Phase;
 use super::traverse::{Grid, Place};
 use crate::progress::Progress;
@@ -30,7 +30,7 @@ pub struct Scene<'a> {
     /// Directions that J is gathered towards.
     pub towards: Vec<DVec3>,
     /// Cameras.
-    pub eyes: Vec<Eye>,
+    pub view_region: Vec<Viewpoint>,
 }
 
 /// Values per cell ahead of J: scattered and never scattered fluence.
@@ -69,7 +69,7 @@ impl Scene<'_> {
 
     /// An empty tally.
     pub fn tally(&self, cells: usize) -> Tally {
-        let images = self.eyes.iter().map(|eye| vec![0.0; eye.pixels()]).collect();
+        let images = self.view_region.iter().map(|eye| vec![0.0; eye.pixels()]).collect();
         Tally { cells: vec![0.0; cells * self.stride()], images, power: Power::default() }
     }
 
@@ -150,7 +150,7 @@ impl Scene<'_> {
             if weight == 0.0 {
                 return true;
             }
-            for (eye, image) in self.eyes.iter().zip(&mut tally.images) {
+            for (eye, image) in self.view_region.iter().zip(&mut tally.images) {
                 eye.gather(&self.grid, &self.phase, (&place, direction), weight, image);
             }
             let [low, survivor] = ROULETTE;

@@ -80,19 +80,19 @@ impl Source {
     }
 }
 
-/// The smallest cap of directions known to hold all from `lamp` to the grid: its axis, and 1 − cosine at its rim.
-fn cap(grid: &Grid<'_>, lamp: DVec3) -> (DVec3, f64) {
+/// The smallest cap of directions known to hold all from `light` to the grid: its axis, and 1 − cosine at its rim.
+fn cap(grid: &Grid<'_>, light: DVec3) -> (DVec3, f64) {
     let (low, high) = (grid.origin(), grid.origin() + grid.size());
     let (mut axis, mut depth) = (DVec3::Z, 2.0);
     for side in (0..3).filter(|&side| !grid.repeats(side)) {
-        let towards = f64::from(lamp[side] < low[side]) - f64::from(lamp[side] > high[side]);
+        let towards = f64::from(light[side] < low[side]) - f64::from(light[side] > high[side]);
         if towards != 0.0 {
             // Outside this side: the half space that faces the grid.
             (axis, depth) = (DVec3::ZERO, 1.0);
             axis[side] = towards;
         }
     }
-    let offset = 0.5 * (low + high) - lamp;
+    let offset = 0.5 * (low + high) - light;
     let (distance, radius) = (offset.length(), 0.5 * grid.size().length());
     if !grid.repeats(0) && distance > radius {
         // The cone around the sphere around the grid.
@@ -149,14 +149,14 @@ mod tests {
         let cloud = cloud();
         let grid = Grid::new(&cloud);
         let mut random = Random::new(2);
-        for lamp in [
+        for light in [
             [0.0, 0.0, 107.0],
             [0.0, 0.0, 95.0],
             [-20.0, 0.0, 100.0],
             [60.0, -50.0, 150.0],
             [0.0, 0.0, 300.0],
         ] {
-            let from = DVec3::from_array(lamp);
+            let from = DVec3::from_array(light);
             let source = Source::new(&grid, Light::Point { position: from, intensity: 1.0 });
             let mut square = Square::new(&mut random);
             let count = 160_000;
@@ -168,7 +168,7 @@ mod tests {
             let found = source.power * hits.count() as f64 / f64::from(count);
             let plain = (0..count).filter(|_| grid.enter(from, random.direction()).is_some()).count();
             let wanted = 2.0 * TAU * plain as f64 / f64::from(count);
-            assert!((found / wanted - 1.0).abs() < TOLERANCE, "{lamp:?}: {found} {wanted}");
+            assert!((found / wanted - 1.0).abs() < TOLERANCE, "{light:?}: {found} {wanted}");
         }
     }
 

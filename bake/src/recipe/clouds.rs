@@ -7,8 +7,8 @@ use crate::budget::clouds::{CloudBudget, Given};
 use crate::input::scene::Optics;
 use crate::response::ResponseSettings;
 use serde::Deserialize;
-use squall_formats::eyes::EyeBox;
-use squall_formats::section::response::{ChannelBasis, Codec, DirectTerm, DistantKind, SweepScheme};
+use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind, SweepScheme};
+use squall_formats::view_region::ViewRegion;
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
 use std::path::PathBuf;
@@ -29,12 +29,13 @@ pub(super) struct CloudsFile {
     response: ResponseFile,
     #[serde(default)]
     budget: BudgetFile,
-    eyes: Option<EyesFile>,
+    #[serde(rename = "eyes")]
+    view_region: Option<ViewRegionFile>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct EyesFile {
+struct ViewRegionFile {
     low_m: Spanned<[f64; 3]>,
     high_m: Spanned<[f64; 3]>,
 }
@@ -106,11 +107,11 @@ enum ChannelsName {
     #[serde(rename = "harmonics-3")]
     Harmonics3,
     #[serde(rename = "eyes-0")]
-    Eyes0,
+    ViewRegion0,
     #[serde(rename = "eyes-1")]
-    Eyes1,
+    ViewRegion1,
     #[serde(rename = "eyes-2")]
-    Eyes2,
+    ViewRegion2,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -193,11 +194,11 @@ impl CloudsFile {
                 "ms",
             )?,
         };
-        let mut lamps = self.lightning.check(source)?;
+        let mut lights = self.lightning.check(source)?;
         let mut settings = self.settings(source)?;
-        settings.eyes = self.eyes(source)?;
-        if let (ChannelBasis::Eyes { .. }, Some(name)) = (settings.channels, &response.channels) {
-            let wanted = match (settings.eyes, settings.direct) {
+        settings.view_region = self.view_region(source)?;
+        if let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.channels, &response.channels) {
+            let wanted = match (settings.view_region, settings.direct) {
                 (None, _) => Some(("[clouds.eyes] beside channels towards eyes", "none")),
                 (_, DirectTerm::InRows) => {
                     Some(("direct = \"run-time\" beside channels towards eyes", "\"rows\""))
@@ -209,15 +210,15 @@ impl CloudsFile {
             }
         }
         // Whoever says what is good enough, or who looks, has no use for what nobody can reach.
-        if budget.judges() || settings.eyes.is_some() {
+        if budget.judges() || settings.view_region.is_some() {
             settings.seen_only = response.seen_only.unwrap_or(true);
-            let boxed = lamps.low_m.is_some() || lamps.high_m.is_some();
-            lamps.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
+            let boxed = lights.low_m.is_some() || lights.high_m.is_some();
+            lights.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
         }
         Ok(Clouds {
             scene: source.beside("clouds.scene", &self.scene)?,
             optics,
-            lamps,
+            lights,
             distant,
             response: settings,
             test_strokes: source.count("clouds.response.test_strokes", &response.test_strokes, 8, [0, 64])?,
@@ -231,9 +232,9 @@ impl CloudsFile {
         })
     }
 
-    fn eyes(&self, source: &Source) -> Result<Option<EyeBox>, RecipeError> {
-        let Some(eyes) = &self.eyes else { return Ok(None) };
-        let EyesFile { low_m, high_m } = eyes;
+    fn view_region(&self, source: &Source) -> Result<Option<ViewRegion>, RecipeError> {
+        let Some(view_region) = &self.view_region else { return Ok(None) };
+        let ViewRegionFile { low_m, high_m } = view_region;
         for (field, corner) in [("clouds.eyes.low_m", low_m), ("clouds.eyes.high_m", high_m)] {
             // Written so that NaN is refused too.
             if !corner.get_ref().iter().all(|v| v.abs() <= 1e6) {
@@ -246,7 +247,7 @@ impl CloudsFile {
             let found = format!("{high:?} beside low_m {low:?}");
             return Err(source.error(high_m.span(), "clouds.eyes.high_m", "no less than low_m", found));
         }
-        Ok(Some(EyeBox { low_m: low, high_m: high }))
+        Ok(Some(ViewRegion { low_m: low, high_m: high }))
     }
 
     fn settings(&self, source: &Source) -> Result<ResponseSettings, RecipeError> {
@@ -284,14 +285,14 @@ impl CloudsFile {
                 .as_ref()
                 .map_or(ChannelsName::Harmonics1, |name| *name.get_ref())
             {
-                ChannelsName::Directions26 => ChannelBasis::Directions26,
-                ChannelsName::Harmonics0 => ChannelBasis::Harmonics { degree: 0 },
-                ChannelsName::Harmonics1 => ChannelBasis::Harmonics { degree: 1 },
-                ChannelsName::Harmonics2 => ChannelBasis::Harmonics { degree: 2 },
-                ChannelsName::Harmonics3 => ChannelBasis::Harmonics { degree: 3 },
-                ChannelsName::Eyes0 => ChannelBasis::Eyes { degree: 0 },
-                ChannelsName::Eyes1 => ChannelBasis::Eyes { degree: 1 },
-                ChannelsName::Eyes2 => ChannelBasis::Eyes { degree: 2 },
+                ChannelsName::Directions26 => DirectionalBasis::Directions26,
+                ChannelsName::Harmonics0 => DirectionalBasis::Harmonics { degree: 0 },
+                ChannelsName::Harmonics1 => DirectionalBasis::Harmonics { degree: 1 },
+                ChannelsName::Harmonics2 => DirectionalBasis::Harmonics { degree: 2 },
+                ChannelsName::Harmonics3 => DirectionalBasis::Harmonics { degree: 3 },
+                ChannelsName::ViewRegion0 => DirectionalBasis::ViewRegion { degree: 0 },
+                ChannelsName::ViewRegion1 => DirectionalBasis::ViewRegion { degree: 1 },
+                ChannelsName::ViewRegion2 => DirectionalBasis::ViewRegion { degree: 2 },
             },
             direct: match response.direct.unwrap_or(DirectName::RunTime) {
                 DirectName::Rows => DirectTerm::InRows,
@@ -310,7 +311,7 @@ impl CloudsFile {
             )?,
             // Set where budget and eyes are known.
             seen_only: response.seen_only.unwrap_or(false),
-            eyes: None,
+            view_region: None,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
             solve,

@@ -123,11 +123,11 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     let names: Vec<String> = strokes.iter().map(|record| record.name.clone()).collect();
     let view = file.view.map(|view| check_view(view, &source, &names)).transpose()?;
     if let (Some(view), Some(clouds)) = (&view, &clouds)
-        && let Some(eyes) = &clouds.response.eyes
-        && !eyes.contains(view.camera.position_m)
+        && let Some(view_region) = &clouds.response.view_region
+        && !view_region.contains(view.camera.position_m)
     {
         let span = source.locate(&["view", "position_m"]).unwrap_or(0..0);
-        let wanted = format!("within [clouds.eyes], {:?} to {:?}", eyes.low_m, eyes.high_m);
+        let wanted = format!("within [clouds.eyes], {:?} to {:?}", view_region.low_m, view_region.high_m);
         let found = format!("{:?}", view.camera.position_m);
         return Err(source.error(span, "view.position_m", wanted, found).into());
     }
@@ -149,7 +149,7 @@ fn check_judges(clouds: &Clouds, has_strokes: bool, source: &Source) -> Result<(
         let wanted = "at least 1 beside [clouds.budget]";
         return Err(source.error(span, "clouds.response.test_strokes", wanted, 0));
     }
-    if clouds.lamps.prune && !has_strokes {
+    if clouds.lights.prune && !has_strokes {
         let span = source.locate(&["clouds", "lightning", "prune"]).unwrap_or(0..0);
         return Err(source.error(span, "clouds.lightning.prune", "[[strokes]] to prune to", "none"));
     }

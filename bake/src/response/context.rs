@@ -1,17 +1,17 @@
 //! Solving a batch of lights, and what is made of it: channels of rows, test strokes with their truth.
 
-use super::eyes::EyeMap;
-use super::unseen::Unseen;
+use super::hidden::HiddenCells;
+use super::view_region::ViewRegionMap;
 use super::{ResponseSettings, SOLVED, TestStroke, add_direct, in_26_directions};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
 use squall_formats::haar::Haar;
-use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere::{self, MAX_HARMONICS, degree_of};
 use squall_runtime::flash::{self, DirectSettings};
-use squall_runtime::relight::LampPoint;
+use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
@@ -36,10 +36,10 @@ pub(super) struct Context<'a> {
     haar: Haar,
     cloud: &'a Cloud,
     /// Cells that no light is stored for.
-    pub(super) unseen: Option<Unseen>,
-    eye_map: Option<EyeMap>,
+    pub(super) hidden: Option<HiddenCells>,
+    view_region_map: Option<ViewRegionMap>,
     /// Unit vectors from stored cells to the middle of the eyes' box.
-    to_eyes: Option<Vec<[f32; 3]>>,
+    to_viewers: Option<Vec<[f32; 3]>>,
     directions: [DVec3; 26],
 }
 
@@ -61,8 +61,9 @@ impl<'a> Context<'a> {
         solver: &'a Solver<4>,
         settings: &'a ResponseSettings,
     ) -> Self {
-        let unseen = if settings.seen_only { Unseen::new(cloud, settings.eyes.as_ref()) } else { None };
-        let seen = unseen.as_ref().map(Unseen::seen);
+        let hidden =
+            if settings.seen_only { HiddenCells::new(cloud, settings.view_region.as_ref()) } else { None };
+        let seen = hidden.as_ref().map(HiddenCells::seen);
         Self {
             settings,
             fine,
@@ -71,13 +72,15 @@ impl<'a> Context<'a> {
             parent: CoarseIndex::new(fine.shape, [settings.refine; 3]),
             haar: Haar::new(cloud.shape),
             cloud,
-            eye_map: match (settings.channels, &settings.eyes) {
-                (ChannelBasis::Eyes { degree }, Some(eyes)) => Some(EyeMap::new(cloud, eyes, degree, seen)),
+            view_region_map: match (settings.channels, &settings.view_region) {
+                (DirectionalBasis::ViewRegion { degree }, Some(view_region)) => {
+                    Some(ViewRegionMap::new(cloud, view_region, degree, seen))
+                }
                 _ => None,
             },
-            unseen,
-            to_eyes: settings.eyes.map(|eyes| {
-                let centre = DVec3::from_array(eyes.centre());
+            hidden,
+            to_viewers: settings.view_region.map(|view_region| {
+                let centre = DVec3::from_array(view_region.centre());
                 let towards = |cell| (centre - cloud.centre(cloud.shape.cell(cell))).normalize_or(DVec3::Z);
                 (0..cloud.shape.len()).map(|cell| towards(cell).as_vec3().to_array()).collect()
             }),
@@ -153,16 +156,18 @@ impl<'a> Context<'a> {
     fn channels<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
         let coefficients = self.coefficients(lane, work);
         let cells = coefficients.len() / MAX_HARMONICS;
-        let basis = if self.eye_map.is_some() { SOLVED } else { self.settings.channels };
+        let basis = if self.view_region_map.is_some() { SOLVED } else { self.settings.channels };
         let count = basis.count();
         let mut planes = vec![0.0f32; cells * count];
         let directions;
         let (values, stride): (&[f32], usize) = match basis {
-            ChannelBasis::Directions26 => {
+            DirectionalBasis::Directions26 => {
                 directions = in_26_directions(&coefficients);
                 (&directions, 26)
             }
-            ChannelBasis::Harmonics { .. } | ChannelBasis::Eyes { .. } => (&coefficients, MAX_HARMONICS),
+            DirectionalBasis::Harmonics { .. } | DirectionalBasis::ViewRegion { .. } => {
+                (&coefficients, MAX_HARMONICS)
+            }
         };
         for (cell, values) in values.chunks_exact(stride).enumerate() {
             for channel in 0..count {
@@ -172,7 +177,7 @@ impl<'a> Context<'a> {
         if in_rows {
             add_direct(basis, &work.towards[lane], 1.0, &mut planes);
         }
-        match &self.eye_map {
+        match &self.view_region_map {
             Some(map) => map.apply(&planes),
             None => planes,
         }
@@ -191,8 +196,8 @@ impl<'a> Context<'a> {
         let mut rows = Vec::with_capacity(lanes.len());
         for lane in 0..lanes.len() {
             let mut planes = self.channels(lane, in_rows, work);
-            if let Some(unseen) = &self.unseen {
-                planes.chunks_exact_mut(self.haar.len()).for_each(|plane| unseen.fill(plane));
+            if let Some(hidden) = &self.hidden {
+                planes.chunks_exact_mut(self.haar.len()).for_each(|plane| hidden.fill(plane));
             }
             let kept = needed(lane).then(|| planes.clone());
             for plane in planes.chunks_exact_mut(self.haar.len()) {
@@ -203,42 +208,41 @@ impl<'a> Context<'a> {
         Ok(Batch { report, rows })
     }
 
-    fn direct_to_eyes(&self, lamps: &[LampPoint]) -> Vec<f32> {
-        let Some(to_eyes) = &self.to_eyes else { return Vec::new() };
-        let mut j = vec![0.0; to_eyes.len()];
+    fn direct_to_viewers(&self, lights: &[PointLight]) -> Vec<f32> {
+        let Some(to_viewers) = &self.to_viewers else { return Vec::new() };
+        let mut j = vec![0.0; to_viewers.len()];
         let scale = self.solver.scaled().extinction_scale;
-        flash::add_direct(self.cloud, scale, lamps, to_eyes, DirectSettings::default(), &mut j);
+        flash::add_direct(self.cloud, scale, lights, to_viewers, DirectSettings::default(), &mut j);
         j
     }
 
     /// Strokes with their truth.
     pub(super) fn solve_strokes(
         &self,
-        strokes: &[Vec<LampPoint>],
+        strokes: &[Vec<PointLight>],
         progress: &dyn Progress,
     ) -> Result<Vec<TestStroke>, BakeError> {
-        let seen: Arc<[bool]> = self.unseen.as_ref().map_or_else(Default::default, |u| u.seen().into());
+        let seen: Arc<[bool]> = self.hidden.as_ref().map_or_else(Default::default, |u| u.seen().into());
         // One stroke a task: tracing its many points is most of the work.
         let solved: Vec<Result<TestStroke, BakeError>> = strokes
             .par_iter()
-            .map_init(Work::<f32>::default, |work, lamps| {
+            .map_init(Work::<f32>::default, |work, lights| {
                 progress.check()?;
-                let light = |l: &LampPoint| Light::Point { position: l.position, intensity: l.intensity };
-                let lights: Vec<Light> = lamps.iter().map(light).collect();
-                self.solve_lanes(&[lights], true, work)?;
+                let light = |l: &PointLight| Light::Point { position: l.position, intensity: l.intensity };
+                self.solve_lanes(&[lights.iter().map(light).collect()], true, work)?;
                 let mut truth = in_26_directions(&self.coefficients(0, work));
                 let direct = std::mem::take(&mut work.towards[0]);
                 for (sum, value) in truth.iter_mut().zip(&direct) {
                     *sum += value;
                 }
                 progress.advance(1);
-                let direct_to_eyes = self.direct_to_eyes(lamps);
+                let direct_to_viewers = self.direct_to_viewers(lights);
                 let seen = seen.clone();
                 Ok(TestStroke {
-                    lamps: lamps.clone(),
+                    lights: lights.clone(),
                     truth,
                     direct,
-                    direct_to_eyes,
+                    direct_to_viewers,
                     uncompressed: Vec::new(),
                     seen,
                 })

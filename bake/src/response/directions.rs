@@ -1,22 +1,22 @@
 //! Light in 26 directions and its harmonics.
 
-use squall_formats::section::response::ChannelBasis;
+use squall_formats::section::response::DirectionalBasis;
 use squall_formats::sphere::{self, MAX_HARMONICS};
 
 /// Adds `factor` times direct light, given in the 26 directions, to channels; harmonics take its projection, which the set's
 /// degree of 7 makes exact as far as the harmonics reach. Channels towards eyes never hold any.
-pub fn add_direct(basis: ChannelBasis, towards: &[f32], factor: f32, planes: &mut [f32]) {
+pub fn add_direct(basis: DirectionalBasis, towards: &[f32], factor: f32, planes: &mut [f32]) {
     let cells = towards.len() / 26;
     let (directions, weights) = (sphere::directions_26(), sphere::weights_26());
     for (cell, values) in towards.chunks_exact(26).enumerate() {
         match basis {
-            ChannelBasis::Directions26 => {
+            DirectionalBasis::Directions26 => {
                 for (channel, value) in values.iter().enumerate() {
                     planes[channel * cells + cell] += factor * value;
                 }
             }
-            ChannelBasis::Eyes { .. } => {}
-            ChannelBasis::Harmonics { .. } => {
+            DirectionalBasis::ViewRegion { .. } => {}
+            DirectionalBasis::Harmonics { .. } => {
                 for (d, value) in values.iter().enumerate() {
                     let harmonics = sphere::harmonics(directions[d]);
                     let weight = 4.0 * std::f64::consts::PI * weights[d];

@@ -1,13 +1,13 @@
 //! Rows before they are coded.
 
-use super::eyes::EyeMap;
-use super::unseen::Unseen;
+use super::hidden::HiddenCells;
+use super::view_region::ViewRegionMap;
 use super::{BakedResponse, TestStroke};
 use crate::compress::{CompressedRow, compress_row};
 use rayon::prelude::*;
-use squall_formats::eyes::EyeBox;
 use squall_formats::haar::Haar;
-use squall_formats::section::response::{ChannelBasis, Codec, ResponseHead, ResponseRows};
+use squall_formats::section::response::{Codec, DirectionalBasis, ResponseHead, ResponseRows};
+use squall_formats::view_region::ViewRegion;
 use squall_runtime::transport::Cloud;
 
 /// Rows solved and Haar-transformed, not yet coded: what compression is tried on.
@@ -21,26 +21,26 @@ pub struct SolvedRows {
     /// Sweeps times sixteen lamps.
     pub sweeps: u64,
     /// What turns them into polynomials towards eyes; where there are eyes, and sixteen harmonics were solved for.
-    pub(super) towards: Option<TowardsEyes>,
+    pub(super) towards: Option<TowardsViewRegion>,
 }
 
 /// From sixteen harmonics to polynomials towards eyes, of each degree.
-pub(super) struct TowardsEyes {
-    maps: [EyeMap; 3],
-    unseen: Option<Unseen>,
+pub(super) struct TowardsViewRegion {
+    maps: [ViewRegionMap; 3],
+    hidden: Option<HiddenCells>,
     haar: Haar,
 }
 
-impl TowardsEyes {
+impl TowardsViewRegion {
     /// `head` says which cells the rows hold light for.
-    pub(super) fn new(cloud: &Cloud, eyes: &EyeBox, head: &ResponseHead) -> Self {
+    pub(super) fn new(cloud: &Cloud, view_region: &ViewRegion, head: &ResponseHead) -> Self {
         let seen = head
             .seen
             .as_ref()
             .map(|_| (0..cloud.shape.len()).map(|cell| head.sees(cell)).collect::<Vec<_>>());
         Self {
-            maps: [0, 1, 2].map(|degree| EyeMap::new(cloud, eyes, degree, seen.as_deref())),
-            unseen: seen.and_then(|seen| Unseen::of(cloud.shape, seen)),
+            maps: [0, 1, 2].map(|degree| ViewRegionMap::new(cloud, view_region, degree, seen.as_deref())),
+            hidden: seen.and_then(|seen| HiddenCells::of(cloud.shape, seen)),
             haar: Haar::new(cloud.shape),
         }
     }
@@ -48,8 +48,8 @@ impl TowardsEyes {
     /// Planes of light, cells that nobody reads filled.
     fn light(&self, harmonics: &[f32], degree: u8) -> Vec<f32> {
         let mut planes = self.maps[usize::from(degree)].apply(harmonics);
-        if let Some(unseen) = &self.unseen {
-            planes.chunks_exact_mut(self.haar.len()).for_each(|plane| unseen.fill(plane));
+        if let Some(hidden) = &self.hidden {
+            planes.chunks_exact_mut(self.haar.len()).for_each(|plane| hidden.fill(plane));
         }
         planes
     }
@@ -69,13 +69,13 @@ impl SolvedRows {
     /// it keeps. Test strokes come along in the same channels.
     ///
     /// Panics when `channels` holds more than was solved for, or is towards eyes and no sixteen harmonics with eyes were.
-    pub fn encode(&self, channels: ChannelBasis, codec: Codec, relative_error: f64) -> BakedResponse {
+    pub fn encode(&self, channels: DirectionalBasis, codec: Codec, relative_error: f64) -> BakedResponse {
         let cells = self.head.shape.len();
         let length = channels.count() * cells;
         // Rows that were solved towards eyes already are coded as they are.
         let towards = match (channels, &self.towards) {
-            (ChannelBasis::Eyes { degree }, Some(towards)) => Some((towards, degree)),
-            (ChannelBasis::Eyes { .. }, None) => {
+            (DirectionalBasis::ViewRegion { degree }, Some(towards)) => Some((towards, degree)),
+            (DirectionalBasis::ViewRegion { .. }, None) => {
                 assert_eq!(channels, self.head.channels, "rows were solved without eyes");
                 None
             }

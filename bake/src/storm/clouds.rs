@@ -4,19 +4,19 @@
 use super::{Stage, StageReport, record};
 use crate::budget::clouds::{Choice, Margins, STROKES, choose};
 use crate::budget::cost;
+use crate::candidate::grid_section;
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
 use crate::progress::Progress;
 use crate::recipe::{Clouds, Recipe};
-use crate::response::judge::{Verdict, judge, shifted_strokes, test_strokes};
-use crate::response::{BakedResponse, LampGrid, LampSpacing, Sources, bake_response, lamp_grid};
-use crate::trial::grid_section;
+use crate::response::evaluate::{Scores, evaluate, shifted_strokes, test_strokes};
+use crate::response::{BakedResponse, LightGrid, LightSpacing, Sources, bake_response, light_grid};
 use glam::DVec3;
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
 use squall_formats::section::response;
 use squall_runtime::Asset;
-use squall_runtime::relight::{LampPoint, Relighter};
+use squall_runtime::relight::{PointLight, Relighter};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::Cloud;
 use std::path::Path;
@@ -60,12 +60,12 @@ pub(super) fn bake_clouds(
             stages.push(start.done("budgets", made, 0, choice.words()));
         }
         let start = Stage(Instant::now());
-        let lamps = place_lamps(recipe, clouds, cloud, choice.spacing_m)?;
+        let lights = place_lights(recipe, clouds, cloud, choice.spacing_m)?;
         // Behind the strokes that choose, and in every round others.
         let count = clouds.test_strokes as usize;
         let first = if clouds.budget.judges() { STROKES[1] + (round - 1) * count } else { 0 };
-        let strokes = strokes_for(recipe, clouds, cloud, &lamps, choice.spacing_m, first..first + count);
-        let sources = Sources { lamps, distant: clouds.distant.clone() };
+        let strokes = strokes_for(recipe, clouds, cloud, &lights, choice.spacing_m, first..first + count);
+        let sources = Sources { lights, distant: clouds.distant.clone() };
         let mut baked = bake_response(cloud, &sources, &choice.settings, &strokes, progress)?;
         let rows = std::mem::take(&mut baked.rows);
         let made = format!(
@@ -97,23 +97,23 @@ pub(super) fn bake_clouds(
         }
         let start = Stage(Instant::now());
         progress.begin("verification", baked.tests.len() as u64);
-        let (verdict, relight_ms) = verify(recipe, sections, &baked, round as u64)?;
+        let (scores, relight_ms) = verify(recipe, sections, &baked, round as u64)?;
         let error = format!(
             "relit L2 {:.2} % from the bytes; stroke L2 {:.1} %, median {:.1} %",
-            100.0 * verdict.codec.l2,
-            100.0 * verdict.stroke.l2,
-            100.0 * verdict.stroke.median
+            100.0 * scores.codec.l2,
+            100.0 * scores.stroke.l2,
+            100.0 * scores.stroke.median
         );
         stages.push(start.done("verification", format!("{} unseen strokes", baked.tests.len()), 0, error));
-        let over = clouds.budget.over(&verdict);
+        let over = clouds.budget.over(&scores);
         let cost = (section_bytes, relight_ms);
         let over_cost = clouds.budget.over_cost(section_bytes, relight_ms);
         if over <= 1.0 && over_cost <= 1.0 {
-            report(verdict, cost, &baked, clouds, &choice, provenance);
+            report(scores, cost, &baked, clouds, &choice, provenance);
             return Ok(());
         }
         if round == ROUNDS || choice.tried == 0 {
-            return Err(not_met(clouds, &verdict, cost, &choice));
+            return Err(not_met(clouds, &scores, cost, &choice));
         }
         // Unseen strokes are worse off than those that chose, or rows larger: ask for more, and bake once more.
         if over > 1.0 {
@@ -127,7 +127,7 @@ pub(super) fn bake_clouds(
     Ok(())
 }
 
-fn not_met(clouds: &Clouds, verdict: &Verdict, (bytes, ms): (u64, f64), choice: &Choice) -> BakeError {
+fn not_met(clouds: &Clouds, scores: &Scores, (bytes, ms): (u64, f64), choice: &Choice) -> BakeError {
     let asked = |name: &str, value: Option<f64>| value.map(|v| format!("{name} {v}"));
     let budget = &clouds.budget;
     let most = budget.bytes.map(|bytes| format!("{bytes} bytes"));
@@ -142,8 +142,8 @@ fn not_met(clouds: &Clouds, verdict: &Verdict, (bytes, ms): (u64, f64), choice: 
         wanted: wanted.into_iter().flatten().collect::<Vec<_>>().join(" and "),
         reached: format!(
             "stroke_l2 {:.4}, relit_l2 {:.4}, {bytes} bytes, relight_ms {ms:.3} with {}",
-            verdict.stroke.l2,
-            verdict.codec.l2,
+            scores.stroke.l2,
+            scores.codec.l2,
             choice.words()
         ),
         hint: "ask for less, or leave more of spacing_m, channels and error to the budget".into(),
@@ -156,14 +156,14 @@ fn verify(
     sections: &[OutSection],
     baked: &BakedResponse,
     round: u64,
-) -> Result<(Verdict, f64), BakeError> {
+) -> Result<(Scores, f64), BakeError> {
     let mut bytes = Vec::new();
     container::write(&mut bytes, sections).map_err(BakeError::io(Path::new("(memory)"), "write"))?;
     let asset = Asset::from_bytes(&bytes)?;
     let relighter = Relighter::new(&asset)?;
     let flashes = cost::flashes(recipe);
-    let strokes = baked.tests.iter().map(|test| &test.lamps).chain(&flashes).map(Vec::as_slice);
-    Ok((judge(&relighter, &baked.tests, round)?, cost::most_ms(&relighter, strokes)?))
+    let strokes = baked.tests.iter().map(|test| &test.lights).chain(&flashes).map(Vec::as_slice);
+    Ok((evaluate(&relighter, &baked.tests, round)?, cost::most_ms(&relighter, strokes)?))
 }
 
 /// Strokes of the given numbers that try or judge a response: the recipe's own, moved, where lamps were pruned to those; else
@@ -172,17 +172,17 @@ pub(crate) fn strokes_for(
     recipe: &Recipe,
     clouds: &Clouds,
     cloud: &Cloud,
-    lamps: &LampGrid,
+    lights: &LightGrid,
     spacing_m: f64,
     numbers: std::ops::Range<usize>,
-) -> Vec<Vec<LampPoint>> {
+) -> Vec<Vec<PointLight>> {
     let reach = [
-        DVec3::new(lamps.x_m[0], lamps.y_m[0], lamps.z_m[0]),
-        DVec3::new(last(&lamps.x_m), last(&lamps.y_m), last(&lamps.z_m)),
+        DVec3::new(lights.x_m[0], lights.y_m[0], lights.z_m[0]),
+        DVec3::new(last(&lights.x_m), last(&lights.y_m), last(&lights.z_m)),
     ];
-    let usable = |point: DVec3| lamps.reaches(point);
-    if clouds.lamps.prune {
-        let own: Vec<Vec<LampPoint>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lamps(0.0)).collect();
+    let usable = |point: DVec3| lights.reaches(point);
+    if clouds.lights.prune {
+        let own: Vec<Vec<PointLight>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lights(0.0)).collect();
         shifted_strokes(&own, usable, 0.5 * spacing_m, numbers)
     } else {
         // Their points lie no closer where lamps do: strokes are the same for every spacing.
@@ -202,41 +202,41 @@ fn last(axis: &[f64]) -> f64 {
 /// The box that lamps have to fill: as the recipe names it, or the cloud's own down to the strokes' lowest point.
 pub(crate) fn reach_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> [DVec3; 2] {
     let (mut low, mut high) = (cloud.origin_m, cloud.far_corner());
-    for lamp in recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0)) {
-        low = low.min(lamp.position);
-        high = high.max(lamp.position);
+    for light in recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lights(0.0)) {
+        low = low.min(light.position);
+        high = high.max(light.position);
     }
-    [clouds.lamps.low_m.map_or(low, DVec3::from_array), clouds.lamps.high_m.map_or(high, DVec3::from_array)]
+    [clouds.lights.low_m.map_or(low, DVec3::from_array), clouds.lights.high_m.map_or(high, DVec3::from_array)]
 }
 
 /// The lamp grid of a recipe at a spacing, m.
-pub(crate) fn place_lamps(
+pub(crate) fn place_lights(
     recipe: &Recipe,
     clouds: &Clouds,
     cloud: &Cloud,
     spacing_m: f64,
-) -> Result<LampGrid, BakeError> {
+) -> Result<LightGrid, BakeError> {
     let [low, high] = reach_of(recipe, clouds, cloud);
     let occupied = cloud.extinction.iter().position(|&e| e > 0.0);
     let base = occupied
         .map_or(cloud.origin_m.z, |at| cloud.origin_m.z + cloud.shape.cell(at)[2] as f64 * cloud.cell_m[2]);
     let size = high - low;
     let nodes = (size / spacing_m).ceil() + DVec3::ONE;
-    if nodes.x * nodes.y * nodes.z > MAX_LAMPS {
-        let wanted = format!("at most {MAX_LAMPS} virtual lamps");
+    if nodes.x * nodes.y * nodes.z > MAX_LIGHTS {
+        let wanted = format!("at most {MAX_LIGHTS} virtual lamps");
         let found = format!("about {} × {} × {}", nodes.x, nodes.y, nodes.z);
         return Err(BakeError::input(&recipe.file, "clouds.lightning.spacing_m", wanted, found));
     }
-    let spacing = LampSpacing {
+    let spacing = LightSpacing {
         base_m: spacing_m,
-        epsilon: clouds.lamps.epsilon_per_m2,
-        longest_m: clouds.lamps.longest_m,
+        epsilon: clouds.lights.epsilon_per_m2,
+        longest_m: clouds.lights.longest_m,
     };
-    let mut grid = lamp_grid(low, high, base, spacing);
-    if clouds.lamps.prune {
+    let mut grid = light_grid(low, high, base, spacing);
+    if clouds.lights.prune {
         grid.wanted = vec![false; grid.len()];
-        for lamp in recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lamps(0.0)) {
-            for node in grid.around(lamp.position).into_iter().flatten() {
+        for light in recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lights(0.0)) {
+            for node in grid.around(light.position).into_iter().flatten() {
                 grid.wanted[node] = true;
             }
         }
@@ -245,11 +245,11 @@ pub(crate) fn place_lamps(
 }
 
 /// More virtual lamps than this would take days: a typing error in the spacing, most likely.
-const MAX_LAMPS: f64 = 2e6;
+const MAX_LIGHTS: f64 = 2e6;
 
 /// Writes down what was asked, got and chosen.
 fn report(
-    verdict: Verdict,
+    scores: Scores,
     (bytes, relight_ms): (u64, f64),
     baked: &BakedResponse,
     clouds: &Clouds,
@@ -273,26 +273,26 @@ fn report(
         response::Codec::Paper => "paper",
     };
     let codec = format!("codec {name}, error {:.3e}", choice.settings.relative_error);
-    let codec_error = verdict.codec;
+    let codec_error = scores.codec;
     let chose_codec = budget.relit_l2.is_some() && budget.stroke_l2.is_none();
     let metric = "relit L2 on unseen strokes, against the same rows uncompressed";
     add("response codec", metric, budget.relit_l2, codec_error.l2, &codec, chose_codec);
     let metric = "99.9th percentile of the relit error, over the peak";
     add("response codec", metric, None, codec_error.tail, &codec, false);
     add("response codec", "median pointwise relit error", None, codec_error.median, &codec, false);
-    let response::SourceBasis::LampGrid { x_m, y_m, z_m, rows } = &baked.head.sources;
-    let baked_lamps = rows.iter().filter(|&&row| row != response::NO_ROW).count();
+    let response::SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &baked.head.sources;
+    let baked_lights = rows.iter().filter(|&&row| row != response::NO_ROW).count();
     let grid = format!(
-        "{baked_lamps} of {} × {} × {} lamps, {} channels",
+        "{baked_lights} of {} × {} × {} lamps, {} channels",
         x_m.len(),
         y_m.len(),
         z_m.len(),
         baked.head.channels.count()
     );
-    let views = if baked.head.eyes.is_some() { "unseen eyes" } else { "26 directions" };
+    let views = if baked.head.view_region.is_some() { "unseen eyes" } else { "26 directions" };
     let metric = format!("stroke L2 over {views}, against the stroke solved directly");
-    add("lightning grid", &metric, budget.stroke_l2, verdict.stroke.l2, &grid, budget.stroke_l2.is_some());
-    add("lightning grid", "median pointwise stroke error", None, verdict.stroke.median, &grid, false);
+    add("lightning grid", &metric, budget.stroke_l2, scores.stroke.l2, &grid, budget.stroke_l2.is_some());
+    add("lightning grid", "median pointwise stroke error", None, scores.stroke.median, &grid, false);
     let alone = budget.stroke_l2.is_none() && budget.relit_l2.is_none() && budget.chooses();
     if let Some(most) = budget.bytes {
         add("response", "bytes", Some(most as f64), bytes as f64, &choice.words(), alone);
@@ -309,8 +309,8 @@ fn report(
     let [seen, cells] = cells_seen(&baked.head);
     if seen < cells {
         let (chosen, got) = (format!("{seen} of {cells} cells hold light"), seen as f64 / cells as f64);
-        let eyes = if baked.head.eyes.is_some() { "an eye of the recipe" } else { "any eye" };
-        let metric = format!("share of cells that {eyes} can shade with");
+        let view_region = if baked.head.view_region.is_some() { "an eye of the recipe" } else { "any eye" };
+        let metric = format!("share of cells that {view_region} can shade with");
         add("cells", &metric, None, got, &chosen, false);
     }
     report_solver(baked, choice, provenance);

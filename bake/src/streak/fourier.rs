@@ -73,9 +73,9 @@ pub fn strongest_windowed(picture: &Grey, count: usize) -> CosinePattern {
     for axis in [0, 1, 0, 1] {
         let tried = (1..=WINDOW_STEPS).map(|step| WIDEST * step as f64 / WINDOW_STEPS as f64);
         let scored = tried.map(|deviation| {
-            let mut trial = deviations;
-            trial[axis] = deviation;
-            (error(trial), deviation)
+            let mut candidate = deviations;
+            candidate[axis] = deviation;
+            (error(candidate), deviation)
         });
         let best = scored.min_by(|a, b| a.0.partial_cmp(&b.0).unwrap_or(Ordering::Equal));
         deviations[axis] = best.map_or(WIDEST, |(_, deviation)| deviation);

@@ -174,19 +174,19 @@ pub fn refine(model: &mut Model, samples: &Samples, free: Free, iterations: usiz
         let mut better = None;
         for _ in 0..TRIES {
             if let Some(step) = solve(&normal, damping) {
-                let mut trial = model.clone();
-                advance(&mut trial, &step, samples, free);
-                let cost = cost(&trial, samples);
+                let mut candidate = model.clone();
+                advance(&mut candidate, &step, samples, free);
+                let cost = cost(&candidate, samples);
                 if cost < normal.cost {
-                    better = Some((trial, cost));
+                    better = Some((candidate, cost));
                     break;
                 }
             }
             damping *= 4.0;
         }
-        let Some((trial, cost)) = better else { break };
+        let Some((candidate, cost)) = better else { break };
         let gain = (normal.cost - cost) / normal.cost;
-        *model = trial;
+        *model = candidate;
         if gain < tolerance || cost <= f64::MIN_POSITIVE {
             return cost;
         }

@@ -64,9 +64,9 @@ pub fn grow(model: &mut Model, samples: &Samples, count: usize, free: Free, effo
 
 /// The model with one more wave, refined from each of the most promising places; the best of them.
 fn best_placement(model: &Model, samples: &Samples, free: Free, effort: Effort) -> Option<(Model, f64)> {
-    let tried = placements(model, samples, free, effort.peaks).into_iter().map(|mut trial| {
-        let reached = refine(&mut trial, samples, free, effort.steps, COARSE);
-        (trial, reached)
+    let tried = placements(model, samples, free, effort.peaks).into_iter().map(|mut candidate| {
+        let reached = refine(&mut candidate, samples, free, effort.steps, COARSE);
+        (candidate, reached)
     });
     tried.min_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(Ordering::Equal))
 }
@@ -76,18 +76,18 @@ fn placements(model: &Model, samples: &Samples, free: Free, peaks: usize) -> Vec
     let candidates = promising(model, samples, peaks * 2, !free.frequencies);
     let mut placed: Vec<(Model, f64)> = Vec::new();
     for frequency in candidates {
-        let mut trial = model.clone();
-        trial.waves.push(Wave { frequency, factors: [0.0; 2] });
+        let mut candidate = model.clone();
+        candidate.waves.push(Wave { frequency, factors: [0.0; 2] });
         let only_new = Free { window: false, first_term: model.waves.len(), frequencies: false };
-        refine(&mut trial, samples, only_new, 1, COARSE);
+        refine(&mut candidate, samples, only_new, 1, COARSE);
         let error = refine(
-            &mut trial,
+            &mut candidate,
             samples,
             Free { frequencies: free.frequencies, ..only_new },
             SETTLING_STEPS,
             COARSE,
         );
-        placed.push((trial, error));
+        placed.push((candidate, error));
     }
     placed.sort_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(Ordering::Equal));
     placed.truncate(peaks);

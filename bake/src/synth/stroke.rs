@@ -33,11 +33,11 @@ pub fn stroke_json(
     if !(0.0..=1e6).contains(&spacing) {
         return Err(refused(("spacing", "0 to 1e6 m", spacing.to_string())));
     }
-    let lamps: Vec<Lamp> = Stroke::grow(&record)
-        .lamps(spacing)
+    let lights: Vec<Lamp> = Stroke::grow(&record)
+        .lights(spacing)
         .into_iter()
-        .map(|lamp| Lamp { position_m: lamp.position.to_array(), intensity: lamp.intensity })
+        .map(|light| Lamp { position_m: light.position.to_array(), intensity: light.intensity })
         .collect();
-    let text = serde_json::to_string_pretty(&lamps);
+    let text = serde_json::to_string_pretty(&lights);
     Ok(text.map_err(|error| BakeError::Failed(error.to_string()))? + "\n")
 }

@@ -10,11 +10,11 @@ pub use stream::{CHANNEL_BYTES, Channel, ESCAPE, StreamWriter, accumulate, chann
 
 use crate::container::{OutSection, checksum};
 use crate::error::{Limits, ReadError};
-use crate::eyes::{EyeBox, MAX_EYE_DEGREE, eye_functions};
 use crate::grid::GridShape;
 use crate::meta;
 use crate::section::{Tag, check_version, join_head, split_head};
 use crate::sphere;
+use crate::view_region::{MAX_VIEW_DEGREE, ViewRegion, view_functions};
 use serde::{Deserialize, Serialize};
 
 /// Which virtual sources the rows belong to. More kinds may follow in later versions of the section.
@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 pub enum SourceBasis {
     /// Point lamps of 1 W/sr at the nodes of a rectilinear grid; a light between nodes is split trilinearly
     /// (\[dobashi\] eq. 6), so that no intensity is lost.
-    LampGrid {
+    LightGrid {
         /// Node coordinates along x, rising, m.
         x_m: Vec<f64>,
         /// Node coordinates along y, rising, m.
@@ -63,7 +63,7 @@ pub const NO_ROW: u32 = u32::MAX;
 /// What the channels of a row mean: a basis of J, the light scattered per unit of scattering coefficient and
 /// steradian, ∫ p(ω·ω') L(ω') dω'.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum ChannelBasis {
+pub enum DirectionalBasis {
     /// J in the 26 directions of [`sphere::directions_26`], read between by [`sphere::interpolate_26`].
     Directions26,
     /// J's coefficients on the real orthonormal harmonics of degree 0 to `degree`, in [`sphere::harmonics`]' order.
@@ -71,20 +71,20 @@ pub enum ChannelBasis {
         /// Highest degree, 0 to 3.
         degree: u8,
     },
-    /// J towards the eyes of [`ResponseHead::eyes`] alone: its coefficients on the polynomials of [`crate::eyes::EyeFrame`].
-    Eyes {
+    /// J towards the eyes of [`ResponseHead::view_region`] alone: its coefficients on the polynomials of [`crate::view_region::ViewRegionFrame`].
+    ViewRegion {
         /// Highest degree, 0 to 2.
         degree: u8,
     },
 }
 
-impl ChannelBasis {
+impl DirectionalBasis {
     /// Number of channels.
     pub fn count(self) -> usize {
         match self {
             Self::Directions26 => 26,
             Self::Harmonics { degree } => sphere::harmonic_count(usize::from(degree)),
-            Self::Eyes { degree } => eye_functions(degree),
+            Self::ViewRegion { degree } => view_functions(degree),
         }
     }
 }
@@ -149,7 +149,7 @@ pub struct ResponseHead {
     /// Rows of distant light.
     pub distant: Vec<DistantSource>,
     /// Which directions.
-    pub channels: ChannelBasis,
+    pub channels: DirectionalBasis,
     /// Whether direct light is inside.
     pub direct: DirectTerm,
     /// How coefficients lie.
@@ -157,7 +157,7 @@ pub struct ResponseHead {
     /// How they were solved for.
     pub solver: SolverRecord,
     /// Where eyes may stand; anywhere where absent. From elsewhere the rows' light means nothing. New in version 2.
-    pub eyes: Option<EyeBox>,
+    pub view_region: Option<ViewRegion>,
     /// Which cells' light means something, a bit each, lowest first; all where absent. New in version 2: in a section of version 1
     /// it may be only the cells with extinction and those that touch one.
     pub seen: Option<Vec<u8>>,
@@ -185,7 +185,7 @@ struct HeadV1 {
     shape: GridShape,
     sources: SourceBasis,
     distant: Vec<DistantSource>,
-    channels: ChannelBasis,
+    channels: DirectionalBasis,
     direct: DirectTerm,
     codec: Codec,
     solver: SolverRecord,
@@ -194,10 +194,20 @@ struct HeadV1 {
 impl HeadV1 {
     fn newest(self) -> Result<ResponseHead, ReadError> {
         let Self { shape, sources, distant, channels, direct, codec, solver } = self;
-        if let ChannelBasis::Eyes { .. } = channels {
+        if let DirectionalBasis::ViewRegion { .. } = channels {
             return Err(invalid("channels", "those of version 1", format!("{channels:?}")));
         }
-        Ok(ResponseHead { shape, sources, distant, channels, direct, codec, solver, eyes: None, seen: None })
+        Ok(ResponseHead {
+            shape,
+            sources,
+            distant,
+            channels,
+            direct,
+            codec,
+            solver,
+            view_region: None,
+            seen: None,
+        })
     }
 }
 
@@ -263,10 +273,10 @@ impl<'a> ResponseSection<'a> {
         if cells.is_none() {
             return Err(invalid("shape", "1 cell to the limit", format!("{:?}", head.shape)));
         }
-        if let ChannelBasis::Harmonics { degree: 4.. } = head.channels {
+        if let DirectionalBasis::Harmonics { degree: 4.. } = head.channels {
             return Err(invalid("channels", "degree 0 to 3", format!("{:?}", head.channels)));
         }
-        check_eyes(&head)?;
+        check_view_region(&head)?;
         if head.solver.refine.iter().any(|&factor| factor == 0 || factor > 64) {
             return Err(invalid("refine", "1 to 64", format!("{:?}", head.solver.refine)));
         }
@@ -274,7 +284,7 @@ impl<'a> ResponseSection<'a> {
         if !(scale > 0.0 && scale <= 1.0) {
             return Err(invalid("extinction scale", "above 0, at most 1", scale.to_string()));
         }
-        let SourceBasis::LampGrid { x_m, y_m, z_m, rows: node_rows } = &head.sources;
+        let SourceBasis::LightGrid { x_m, y_m, z_m, rows: node_rows } = &head.sources;
         for axis in [x_m, y_m, z_m] {
             let rising = axis.windows(2).all(|pair| pair[0] < pair[1]);
             if axis.is_empty() || !rising || !axis.iter().all(|v| v.is_finite()) {
@@ -290,8 +300,8 @@ impl<'a> ResponseSection<'a> {
             return Err(invalid("lamp grid rows", "one a node", format!("{} for {nodes}", node_rows.len())));
         }
         let listed = || {
-            let lamps = node_rows.iter().copied().filter(|&row| row != NO_ROW);
-            lamps.chain(head.distant.iter().map(|source| source.row))
+            let lights = node_rows.iter().copied().filter(|&row| row != NO_ROW);
+            lights.chain(head.distant.iter().map(|source| source.row))
         };
         let count = listed().count();
         let mut seen = vec![false; count];
@@ -389,23 +399,23 @@ impl<'a> ResponseSection<'a> {
 }
 
 /// Eyes and seen cells, and channels that need them.
-fn check_eyes(head: &ResponseHead) -> Result<(), ReadError> {
-    if let ChannelBasis::Eyes { degree } = head.channels {
-        if degree > MAX_EYE_DEGREE {
+fn check_view_region(head: &ResponseHead) -> Result<(), ReadError> {
+    if let DirectionalBasis::ViewRegion { degree } = head.channels {
+        if degree > MAX_VIEW_DEGREE {
             return Err(invalid("channels", "degree 0 to 2 towards eyes", degree.to_string()));
         }
-        if head.eyes.is_none() || head.direct == DirectTerm::InRows {
-            let found = format!("eyes {:?}, direct light {:?}", head.eyes, head.direct);
+        if head.view_region.is_none() || head.direct == DirectTerm::InRows {
+            let found = format!("eyes {:?}, direct light {:?}", head.view_region, head.direct);
             return Err(invalid("channels", "eyes, and direct light left to the reader", found));
         }
     }
-    if let Some(eyes) = &head.eyes {
+    if let Some(view_region) = &head.view_region {
         let within = |axis: usize| {
-            let (low, high) = (eyes.low_m[axis], eyes.high_m[axis]);
-            low <= high && low.abs() <= FARTHEST_EYE && high.abs() <= FARTHEST_EYE
+            let (low, high) = (view_region.low_m[axis], view_region.high_m[axis]);
+            low <= high && low.abs() <= FARTHEST_VIEWPOINT && high.abs() <= FARTHEST_VIEWPOINT
         };
         if !(0..3).all(within) {
-            return Err(invalid("eyes", "a box within 1e9 m", format!("{eyes:?}")));
+            return Err(invalid("eyes", "a box within 1e9 m", format!("{view_region:?}")));
         }
     }
     let Some(seen) = &head.seen else { return Ok(()) };
@@ -418,7 +428,7 @@ fn check_eyes(head: &ResponseHead) -> Result<(), ReadError> {
 }
 
 /// Largest coordinate of an eye, m: its square is far within double precision.
-const FARTHEST_EYE: f64 = 1e9;
+const FARTHEST_VIEWPOINT: f64 = 1e9;
 
 fn invalid(field: &'static str, wanted: &'static str, found: String) -> ReadError {
     ReadError::Invalid { section: ResponseSection::TAG, offset: 8, field, wanted, found }

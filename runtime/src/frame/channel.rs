@@ -4,10 +4,10 @@ use super::{CLOUD_M, EYE_M, Flash};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;
-use crate::relight::LampPoint;
+use crate::relight::PointLight;
 use crate::shade::sky::Sky;
 use crate::shade::town::Town;
-use crate::shade::town::light::PointLight;
+use crate::shade::town::light::SceneLight;
 use crate::transport::Cloud;
 use crate::transport::direct::Tracer;
 use glam::{DVec3, Vec2, Vec3};
@@ -31,9 +31,9 @@ const TWIG: f32 = 0.3;
 /// A flash as the town sees it.
 pub struct TownLights {
     /// A few points that light surfaces and cast shadows.
-    pub shadows: Vec<PointLight>,
+    pub shadows: Vec<SceneLight>,
     /// Many points whose images stand in the water.
-    pub images: Vec<PointLight>,
+    pub images: Vec<SceneLight>,
 }
 
 /// Share of a point's light that reaches the eye through the cloud.
@@ -51,26 +51,26 @@ pub fn town_lights(
     let mut lights = TownLights { shadows: Vec::new(), images: Vec::new() };
     for flash in flashes {
         let length: f64 = flash.stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
-        let seen = |lamp: &LampPoint| {
-            let visibility = through(cloud, eye, lamp.position);
-            let clear = air(eye.distance(lamp.position));
-            let full = flash.intensity(lamp.intensity);
+        let seen = |light: &PointLight| {
+            let visibility = through(cloud, eye, light.position);
+            let clear = air(eye.distance(light.position));
+            let full = flash.intensity(light.intensity);
             let intensity = std::array::from_fn(|band| full[band] * clear[band]);
-            PointLight { position: lamp.position.as_vec3(), intensity, visibility }
+            SceneLight { position: light.position.as_vec3(), intensity, visibility }
         };
-        let points: Vec<PointLight> = flash.stroke.lamps(length / IMAGE_POINTS).iter().map(seen).collect();
-        let light = |point: &PointLight| point.visibility * point.intensity.iter().sum::<f32>();
+        let points: Vec<SceneLight> = flash.stroke.lights(length / IMAGE_POINTS).iter().map(seen).collect();
+        let light = |point: &SceneLight| point.visibility * point.intensity.iter().sum::<f32>();
         let total: f32 = points.iter().map(light).sum();
         let bare: f32 = points.iter().map(|point| point.intensity.iter().sum::<f32>()).sum();
         if total <= FAINT * bare {
             continue;
         }
         // Twigs whose image no one would see give their light to the rest.
-        let bright = |point: &&PointLight| light(point) > TWIG * total / IMAGE_POINTS as f32;
+        let bright = |point: &&SceneLight| light(point) > TWIG * total / IMAGE_POINTS as f32;
         let kept: f32 = points.iter().filter(bright).map(light).sum();
         let scale = total / kept;
         let grown =
-            |point: &PointLight| PointLight { intensity: point.intensity.map(|v| v * scale), ..*point };
+            |point: &SceneLight| SceneLight { intensity: point.intensity.map(|v| v * scale), ..*point };
         lights.images.extend(points.iter().filter(bright).map(grown));
         lights.shadows.extend(gathered(points, light, total));
     }
@@ -78,7 +78,7 @@ pub fn town_lights(
 }
 
 /// A few points in place of many: equal shares of the light from the top down, each at its middle.
-fn gathered(mut points: Vec<PointLight>, light: impl Fn(&PointLight) -> f32, total: f32) -> Vec<PointLight> {
+fn gathered(mut points: Vec<SceneLight>, light: impl Fn(&SceneLight) -> f32, total: f32) -> Vec<SceneLight> {
     points.sort_by(|a, b| b.position.z.total_cmp(&a.position.z));
     let mut few = Vec::new();
     let (mut sum, mut middle, mut bands) = (0.0f32, Vec3::ZERO, Vec3::ZERO);
@@ -88,7 +88,7 @@ fn gathered(mut points: Vec<PointLight>, light: impl Fn(&PointLight) -> f32, tot
         bands += Vec3::from_array(point.intensity) * point.visibility;
         if sum >= total / SHADOW_POINTS || (i + 1 == points.len() && sum > 0.0) {
             let position = middle / sum;
-            few.push(PointLight { position, intensity: bands.to_array(), visibility: 1.0 });
+            few.push(SceneLight { position, intensity: bands.to_array(), visibility: 1.0 });
             (sum, middle, bands) = (0.0, Vec3::ZERO, Vec3::ZERO);
         }
     }

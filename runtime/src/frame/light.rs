@@ -4,7 +4,7 @@ use super::{Flash, FrameMemory, FrameReport};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::flash::{DirectSettings, add_direct};
-use crate::relight::{LampPoint, RelightOptions, Relighter, Relit};
+use crate::relight::{PointLight, RelightOptions, Relighter, Relit};
 use crate::shade::cloud::direction_to;
 use crate::shade::cloud::march::MarchedCloud;
 use crate::shade::sky::Sky;
@@ -29,35 +29,36 @@ pub fn light_cells(
     relighter.check_camera(camera)?;
     let cloud = relighter.cloud();
     let mut report = FrameReport::default();
-    let eyes: Vec<[f32; 3]> = (0..cloud.shape.len())
+    let view_region: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|i| direction_to(camera, cloud.centre(cloud.shape.cell(i))).as_vec3().to_array())
         .collect();
-    let mut light: Vec<Vec3> = vec![Vec3::ZERO; eyes.len()];
-    let mut j = vec![0.0f32; eyes.len()];
+    let mut light: Vec<Vec3> = vec![Vec3::ZERO; view_region.len()];
+    let mut j = vec![0.0f32; view_region.len()];
     for group in flashes.chunk_by(|a, b| a.record.color == b.record.color) {
-        let mut lamps: Vec<LampPoint> = Vec::new();
+        let mut lights: Vec<PointLight> = Vec::new();
         for flash in group {
             // One point a segment: what the bake prunes its sources to.
-            let points = flash.stroke.lamps(0.0);
-            lamps
-                .extend(points.iter().map(|p| LampPoint { intensity: p.intensity * flash.brightness, ..*p }));
+            let points = flash.stroke.lights(0.0);
+            lights.extend(
+                points.iter().map(|p| PointLight { intensity: p.intensity * flash.brightness, ..*p }),
+            );
         }
-        let sources = relighter.weigh(&lamps, &mut memory.relight)?.len();
-        let relit = relighter.relight(&lamps, RelightOptions::default(), &mut memory.relight)?;
-        towards(&relit, cloud, &eyes, &mut j);
+        let sources = relighter.weigh(&lights, &mut memory.relight)?.len();
+        let relit = relighter.relight(&lights, RelightOptions::default(), &mut memory.relight)?;
+        towards(&relit, cloud, &view_region, &mut j);
         if relighter.direct() == DirectTerm::AtRunTime {
             let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
-            add_direct(cloud, relighter.extinction_scale(), &lamps, &eyes, settings, &mut j);
+            add_direct(cloud, relighter.extinction_scale(), &lights, &view_region, settings, &mut j);
         }
         let color = Vec3::from_array(group[0].record.color);
         light.iter_mut().zip(&j).for_each(|(sum, &j)| *sum += color * j.max(0.0));
-        report.lamps += lamps.len();
+        report.lights += lights.len();
         report.sources += sources;
     }
     with_extinction(cloud, &light, &mut memory.flash_cells);
     for kind in relighter.response().head.distant.iter().map(|source| source.kind) {
         let Some(relit) = relighter.distant(kind, &mut memory.relight)? else { continue };
-        towards(&relit, cloud, &eyes, &mut j);
+        towards(&relit, cloud, &view_region, &mut j);
         let colours = distant_colours(cloud, sky, kind);
         light.iter_mut().zip(&j).zip(&colours).for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
     }
@@ -66,13 +67,13 @@ pub fn light_cells(
 }
 
 /// J of relit channels in each cell's own direction to the eye.
-fn towards(relit: &Relit<'_>, cloud: &Cloud, eyes: &[[f32; 3]], j: &mut [f32]) {
+fn towards(relit: &Relit<'_>, cloud: &Cloud, view_region: &[[f32; 3]], j: &mut [f32]) {
     let piece = |(start, part): (usize, &mut [f32])| {
         let mut factors = Vec::new();
         for (i, value) in part.iter_mut().enumerate() {
             let cell = start * PIECE + i;
             let middle = cloud.centre(cloud.shape.cell(cell));
-            relit.factors(middle, Vec3::from_array(eyes[cell]).as_dvec3(), &mut factors);
+            relit.factors(middle, Vec3::from_array(view_region[cell]).as_dvec3(), &mut factors);
             *value = relit.value(cell, &factors);
         }
     };

@@ -20,7 +20,7 @@ const EDGES: [[usize; 2]; 12] =
 
 /// A camera in a lattice's units.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Eye {
+pub(crate) struct Viewpoint {
     pub position: DVec3,
     pub right: DVec3,
     pub up: DVec3,
@@ -31,8 +31,8 @@ pub(crate) struct Eye {
 
 impl Piece {
     /// The frustum of `eye` between depths `near` and `far`, its four sides `margin` further out.
-    pub fn new(eye: &Eye, near: f64, far: f64, margin: f64) -> Self {
-        let Eye { position, right, up, forward, tangent } = *eye;
+    pub fn new(eye: &Viewpoint, near: f64, far: f64, margin: f64) -> Self {
+        let Viewpoint { position, right, up, forward, tangent } = *eye;
         let secant = DVec2::new((1.0 + tangent.x * tangent.x).sqrt(), (1.0 + tangent.y * tangent.y).sqrt());
         let corners = std::array::from_fn(|i| {
             let depth = if i & 4 == 0 { near } else { far };
@@ -134,13 +134,13 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    fn eye(random: &mut Random) -> Eye {
+    fn eye(random: &mut Random) -> Viewpoint {
         let forward = random.direction();
         let right = forward.cross(random.direction()).normalize();
         let up = right.cross(forward);
         let tangent = DVec2::new(random.range(0.01, 3.0), random.range(0.01, 3.0));
         let position = DVec3::new(random.unit(), random.unit(), random.unit());
-        Eye { position, right, up, forward, tangent }
+        Viewpoint { position, right, up, forward, tangent }
     }
 
     #[test]
@@ -175,7 +175,7 @@ mod tests {
         let mut random = Random::new(12);
         let (mut visited, mut volume) = (0.0, 0.0);
         for _ in 0..100 {
-            let eye = Eye { tangent: DVec2::new(1.0, 0.6), ..eye(&mut random) };
+            let eye = Viewpoint { tangent: DVec2::new(1.0, 0.6), ..eye(&mut random) };
             let piece = Piece::new(&eye, 2.0, 20.0, 0.0);
             for layer in piece.layers() {
                 for row in piece.rows(layer) {

@@ -1,6 +1,6 @@
 //! One class of drops in one frame: its lattice's cells, and the drops that a cell's hash yields.
 
-use super::lattice::{Eye, Piece};
+use super::lattice::{Piece, Viewpoint};
 use super::streak::{Drop, Lens};
 use super::{Shelter, Shot, Streak, Weather};
 use crate::camera::Camera;
@@ -97,7 +97,7 @@ impl Search {
         let half = camera.half_extent();
         // A few pixels for the soft edge of kernels.
         let soft = DVec2::new(8.0 / f64::from(camera.width), 8.0 / f64::from(camera.height));
-        let eye = Eye {
+        let eye = Viewpoint {
             position: place,
             right: camera.right,
             up: camera.up,
@@ -180,7 +180,7 @@ impl Search {
             state = state.wrapping_add(STEP);
             let id = mix(state);
             let diameter = self.from + self.width * ((bits & 0xFFFF_FFFF) as f64 + 0.5) * HALF_BITS;
-            if let Some(streak) = self.judge(frame, id, arrival, diameter, corner) {
+            if let Some(streak) = self.evaluate(frame, id, arrival, diameter, corner) {
                 found.push(streak);
             }
         }
@@ -188,7 +188,7 @@ impl Search {
 
     /// One drop: in the frustum's piece, in the rain at this rate, under no roof?
     #[inline]
-    fn judge(&self, frame: &Frame, id: u64, arrival: f64, diameter: f64, corner: DVec3) -> Option<Streak> {
+    fn evaluate(&self, frame: &Frame, id: u64, arrival: f64, diameter: f64, corner: DVec3) -> Option<Streak> {
         let Frame { camera, lens, .. } = frame;
         const THIRD_BITS: f64 = 1.0 / (1u64 << 21) as f64;
         let part = |shift: u32| ((id >> shift & 0x1F_FFFF) as f64 + 0.5) * THIRD_BITS;

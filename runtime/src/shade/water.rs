@@ -37,12 +37,12 @@ pub fn fresnel_reflectance(cosine: f32, index: f32) -> f32 {
 ///
 /// Beckmann's slope distribution and the V-groove masking of Torrance and Sparrow [cook-torrance]; the cosine
 /// of incidence is included. Zero when light or eye is below the surface.
-pub fn rippled_highlight(normal: Vec3, to_light: Vec3, to_eye: Vec3, slope: f32) -> f32 {
-    let (light, eye) = (normal.dot(to_light), normal.dot(to_eye));
+pub fn rippled_highlight(normal: Vec3, to_light: Vec3, to_viewer: Vec3, slope: f32) -> f32 {
+    let (light, eye) = (normal.dot(to_light), normal.dot(to_viewer));
     if light <= 0.0 || eye <= 0.0 {
         return 0.0;
     }
-    let sum = to_light + to_eye;
+    let sum = to_light + to_viewer;
     let (squared, height) = (sum.length_squared(), normal.dot(sum));
     // tan² of the facet's tilt over 2σ²: beyond e⁻²⁵ nothing shows. Water without ripples has a highlight without size.
     let slope = slope.max(SMOOTHEST);
@@ -54,7 +54,7 @@ pub fn rippled_highlight(normal: Vec3, to_light: Vec3, to_eye: Vec3, slope: f32)
     let half = sum / squared.sqrt();
     let up = normal.dot(half);
     let facets = libm::expf(-tilt) / (std::f32::consts::PI * spread * up * up * up * up);
-    let facet = to_eye.dot(half).max(1e-4);
+    let facet = to_viewer.dot(half).max(1e-4);
     let masking = (2.0 * up * eye / facet).min(2.0 * up * light / facet).min(1.0);
     water_reflectance(facet) * facets * masking / (4.0 * eye)
 }

@@ -2,15 +2,15 @@
 
 use glam::{DVec3, Vec4};
 use squall_bake::progress::Quiet;
-use squall_bake::response::{LampGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::response::{LightGrid, ResponseSettings, Sources, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
-use squall_formats::section::response::{self, ChannelBasis, Codec, DirectTerm};
+use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::Radians;
 use squall_runtime::Asset;
 use squall_runtime::camera::{Projection, Ray};
-use squall_runtime::relight::{LampPoint, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::shade::cloud::march::{CloudShape, MarchedCloud};
 use squall_runtime::shade::cloud::{LitCloud, RayWidth};
 use squall_runtime::shade::detail::{Detail, DetailParameters};
@@ -42,7 +42,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
     {
         let cloud = uniform(shape, [100.0, 100.0, 100.0], extinction);
         let high = cloud.far_corner();
-        let lamps = LampGrid {
+        let lights = LightGrid {
             x_m: vec![-50.0, high.x],
             y_m: vec![-50.0, high.y],
             z_m: vec![450.0, high.z],
@@ -50,8 +50,8 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
         };
         let settings = ResponseSettings {
             seen_only: false,
-            eyes: None,
-            channels: ChannelBasis::Harmonics { degree: 1 },
+            view_region: None,
+            channels: DirectionalBasis::Harmonics { degree: 1 },
             direct: DirectTerm::AtRunTime,
             codec: Codec::Bytes,
             relative_error: 0.02,
@@ -63,10 +63,10 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
                 ..SolveSettings::default()
             },
         };
-        let stroke = vec![LampPoint { position: 0.5 * (cloud.origin_m + high), intensity: 1e6 }];
+        let stroke = vec![PointLight { position: 0.5 * (cloud.origin_m + high), intensity: 1e6 }];
         let mut baked = bake_response(
             &cloud,
-            &Sources { lamps, distant: Vec::new() },
+            &Sources { lights, distant: Vec::new() },
             &settings,
             std::slice::from_ref(&stroke),
             &Quiet,
@@ -99,8 +99,8 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
         assert!(norm(&error) <= 0.02 * norm(wanted), "{shape:?} {extinction}");
         assert!((norm(wanted) == 0.0) == (extinction == 0.0), "{shape:?} {extinction}");
         for (intensity, fine) in [(1e25, true), (1e39, false), (f64::NAN, false)] {
-            let lamp = [LampPoint { intensity, ..stroke[0] }];
-            let found = relighter.relight(&lamp, RelightOptions::default(), &mut buffers);
+            let light = [PointLight { intensity, ..stroke[0] }];
+            let found = relighter.relight(&light, RelightOptions::default(), &mut buffers);
             assert_eq!(
                 found.is_ok_and(|relit| relit.planes.iter().all(|v| v.is_finite())),
                 fine,
@@ -171,12 +171,12 @@ fn rays_through_thin_thick_and_far_clouds_obey_beer_and_lambert_and_end() {
 fn an_eye_beside_or_at_a_lamp_sees_finite_light() {
     let cloud = uniform([4, 4, 4], [25.0; 3], 0.02);
     for offset in [0.0, 1e-9, 1e-3, 1.0] {
-        let lamp = DVec3::new(0.0, 0.0, 550.0);
-        let exact = [Light::Point { position: lamp, intensity: 1.0 }];
+        let light = DVec3::new(0.0, 0.0, 550.0);
+        let exact = [Light::Point { position: light, intensity: 1.0 }];
         let lit = LitCloud { cloud: &cloud, exact: &exact, extinction_scale: 0.5, longest_step: 5.0 };
         let projection = Projection::Perspective { vertical_fov: Radians(1.0) };
         for direction in [DVec3::X, -DVec3::Z, DVec3::new(1.0, 1.0, 1.0).normalize()] {
-            let ray = Ray { origin: lamp + DVec3::X * offset, direction };
+            let ray = Ray { origin: light + DVec3::X * offset, direction };
             for width in [RayWidth::default(), RayWidth { start: 0.0, per_metre: 1e-3 }] {
                 let seen = lit.look(ray, projection, width, |_| 0.0);
                 assert!(

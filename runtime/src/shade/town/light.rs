@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 
 /// A light without extent.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PointLight {
+pub struct SceneLight {
     /// Where, m.
     pub position: Vec3,
     /// Radiant intensity per channel, W/sr.
@@ -38,10 +38,10 @@ pub struct Lighting<'a> {
     /// Irradiance of the sky on a surface by its unit normal, W/m².
     pub ambient: &'a (dyn Fn(Vec3) -> [f32; 3] + Sync),
     /// Points that light surfaces and cast shadows: a stroke as a handful of points.
-    pub points: &'a [PointLight],
+    pub points: &'a [SceneLight],
     /// Points whose image stands in the water: a stroke's channel, finely divided. What is listed here must not
     /// be in the closure that says what leaving rays see, or its image stands there twice.
-    pub images: &'a [PointLight],
+    pub images: &'a [SceneLight],
     /// Lit cloud, as light on surfaces without shadows; its image comes from the closure.
     pub glows: &'a [GlowLight],
     /// Radiance of a ray (origin m, unit direction) that meets nothing: sky and cloud, W/(m² sr). Reflections alone
@@ -70,7 +70,7 @@ pub struct Mirror {
 const FAINT: f32 = 1e-7;
 
 /// Irradiance of one point on a surface, per channel, without shadow.
-fn irradiance(light: &PointLight, point: Vec3, normal: Vec3) -> [f32; 3] {
+fn irradiance(light: &SceneLight, point: Vec3, normal: Vec3) -> [f32; 3] {
     let way = light.position - point;
     let squared = way.length_squared().max(1e-6);
     let cosine = normal.dot(way) / squared.sqrt();
@@ -138,8 +138,8 @@ impl Town {
         sum
     }
 
-    fn street_lights(&self) -> impl Iterator<Item = PointLight> {
-        self.lamps.iter().map(|lamp| PointLight {
+    fn street_lights(&self) -> impl Iterator<Item = SceneLight> {
+        self.lamps.iter().map(|lamp| SceneLight {
             position: Vec3::from_array(lamp.position),
             intensity: lamp.intensity,
             visibility: 1.0,
@@ -194,7 +194,7 @@ impl Town {
         mirror: Mirror,
     ) -> ([f32; 3], f32) {
         let start = Self::lifted(hit);
-        let to_eye = -direction;
+        let to_viewer = -direction;
         let along = direction.truncate().normalize_or(Vec2::X);
         let (mut sum, mut share, mut weights) = ([0.0f32; 3], 0.0, 0.0);
         // A rough film needs all facets, still water few: the samples of a pixel differ anyway.
@@ -208,7 +208,7 @@ impl Town {
             let tilt = (along * toward + along.perp() * aside) * surface.slope;
             let facet = (hit.normal + tilt.extend(0.0)).normalize();
             // A facet shows itself as large as it is seen.
-            let seen = to_eye.dot(facet);
+            let seen = to_viewer.dot(facet);
             if seen <= 0.0 {
                 continue;
             }
@@ -241,7 +241,7 @@ impl Town {
         for light in lighting.images.iter().copied().chain(lamps) {
             let way = light.position - hit.point;
             let squared = way.length_squared().max(1e-4);
-            let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_eye, slope);
+            let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
             let share = mirror.points * highlight * light.visibility / squared;
             // What adds less than a thousandth is not worth asking whether a wall stands before it.
             let faint = share * light.intensity[1] < 1e-3 * sum[1];
@@ -306,7 +306,7 @@ mod tests {
     fn a_flash_is_linear_in_its_intensity_and_stopped_by_walls() {
         let flash = |intensity: f32, y: f32| {
             let light =
-                PointLight { position: Vec3::new(0.0, y, 5.0), intensity: [intensity; 3], visibility: 1.0 };
+                SceneLight { position: Vec3::new(0.0, y, 5.0), intensity: [intensity; 3], visibility: 1.0 };
             let town = small_town();
             let hit =
                 town.trace(Vec3::new(0.0, 10.0, 5.0), Vec3::new(0.0, 1.0, -0.2).normalize(), 1e5).unwrap();
@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn the_image_of_a_point_is_a_streak_longer_than_wide() {
         let town = small_town();
-        let bolt = PointLight {
+        let bolt = SceneLight {
             position: Vec3::new(3_000.0, -3_000.0, 600.0),
             intensity: [1e9; 3],
             visibility: 1.0,

@@ -10,11 +10,11 @@ use squall_bake::storm::bake;
 use squall_formats::container::write;
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
-use squall_formats::section::response::{ChannelBasis, ResponseSection};
+use squall_formats::section::response::{DirectionalBasis, ResponseSection};
 use squall_formats::units::Radians;
 use squall_runtime::Asset;
 use squall_runtime::camera::{Camera, Projection};
-use squall_runtime::relight::{LampPoint, RelightBuffers, Relighter};
+use squall_runtime::relight::{PointLight, RelightBuffers, Relighter};
 use squall_runtime::stroke::Stroke;
 use std::path::Path;
 
@@ -36,7 +36,7 @@ fn write_scene(folder: &Path) {
     std::fs::write(folder.join("cloud.json"), scene).unwrap();
 }
 
-const EYES: &str = "[clouds.eyes]\nlow_m = [-100.0, -100.0, 0.0]\nhigh_m = [100.0, 100.0, 40.0]\n";
+const VIEWPOINTS: &str = "[clouds.eyes]\nlow_m = [-100.0, -100.0, 0.0]\nhigh_m = [100.0, 100.0, 40.0]\n";
 
 /// A stroke up through the cloud.
 const STROKE: &str = "[[strokes]]\nname = \"own\"\nseed = 3\nfrom_m = [0.0, 2300.0, 650.0]\nto_m = [100.0, 2600.0, 1000.0]\n\
@@ -69,10 +69,10 @@ fn response_bytes(asset: &Asset) -> u64 {
 }
 
 /// Rows hardly coded, so that channels alone differ.
-fn fixed(channels: &str, eyes: &str) -> String {
+fn fixed(channels: &str, view_region: &str) -> String {
     format!(
         "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nchannels = \"{channels}\"\nerror = 0.001\n\
-         test_strokes = 6\n\n{eyes}"
+         test_strokes = 6\n\n{view_region}"
     )
 }
 
@@ -85,15 +85,19 @@ fn three_channels_towards_eyes_are_as_good_there_as_sixteen_harmonics_and_take_a
     /// Share of this small cloud's cells that its front leaves in sight, three rounds beside what is traced taken in: 0.96.
     const HIDDEN: f64 = 0.97;
     let folder = tempfile::tempdir().unwrap();
-    let eyes = baked(folder.path(), &fixed("eyes-1", EYES));
-    let all = baked(folder.path(), &fixed("harmonics-3", EYES));
-    let (few, many) = (figure(&eyes, "stroke L2"), figure(&all, "stroke L2"));
-    println!("stroke L2: {few:.4} in {} bytes, {many:.4} in {}", response_bytes(&eyes), response_bytes(&all));
+    let view_region = baked(folder.path(), &fixed("eyes-1", VIEWPOINTS));
+    let all = baked(folder.path(), &fixed("harmonics-3", VIEWPOINTS));
+    let (few, many) = (figure(&view_region, "stroke L2"), figure(&all, "stroke L2"));
+    println!(
+        "stroke L2: {few:.4} in {} bytes, {many:.4} in {}",
+        response_bytes(&view_region),
+        response_bytes(&all)
+    );
     assert!(few <= libm::sqrt(many * many + ADDED * ADDED), "{few} beside {many}");
-    assert!(FEWER * response_bytes(&eyes) < response_bytes(&all));
+    assert!(FEWER * response_bytes(&view_region) < response_bytes(&all));
     // Against light all around, deep cells too: what the box alone saves.
     let anywhere = baked(folder.path(), &fixed("harmonics-3", ""));
-    let seen = figure(&eyes, "share of cells");
+    let seen = figure(&view_region, "share of cells");
     println!("{seen:.3} of the cells are seen; {} bytes for any eye", response_bytes(&anywhere));
     assert!(seen < HIDDEN && response_bytes(&all) < response_bytes(&anywhere));
 }
@@ -103,12 +107,12 @@ fn a_budget_takes_channels_towards_eyes_where_they_are_cheapest_and_is_met_by_un
     let folder = tempfile::tempdir().unwrap();
     let asked = 0.2;
     let budget = format!("[clouds.response]\ntest_strokes = 8\n\n[clouds.budget]\nstroke_l2 = {asked}\n\n");
-    let asset = baked(folder.path(), &format!("{budget}{EYES}"));
+    let asset = baked(folder.path(), &format!("{budget}{VIEWPOINTS}"));
     let relighter = Relighter::new(&asset).unwrap();
     let head = &relighter.response().head;
     let chosen = records(&asset).into_iter().find(|record| record.asked == Some(asked)).unwrap();
     println!("{chosen:?}, {} bytes", response_bytes(&asset));
-    assert!(matches!(head.channels, ChannelBasis::Eyes { .. }), "{:?}", head.channels);
+    assert!(matches!(head.channels, DirectionalBasis::ViewRegion { .. }), "{:?}", head.channels);
     assert!(chosen.metric.contains("unseen eyes") && chosen.got <= asked, "{chosen:?}");
     let anywhere = baked(folder.path(), &budget);
     println!("without eyes {} bytes", response_bytes(&anywhere));
@@ -124,7 +128,7 @@ fn a_budget_in_milliseconds_is_kept_and_buys_error_with_them() {
     const ASKED_MS: [f64; 3] = [0.005, 0.0087, 0.015];
     let budget = |ms: f64| {
         let spacing = "[clouds.lightning]\nspacing_m = 150.0\n\n[clouds.response]\ntest_strokes = 8";
-        format!("{spacing}\n\n[clouds.budget]\nrelight_ms = {ms}\n\n{EYES}{STROKE}")
+        format!("{spacing}\n\n[clouds.budget]\nrelight_ms = {ms}\n\n{VIEWPOINTS}{STROKE}")
     };
     let made = ASKED_MS.map(|ms| {
         let asset = baked(folder.path(), &budget(ms));
@@ -134,8 +138,8 @@ fn a_budget_in_milliseconds_is_kept_and_buys_error_with_them() {
         // The scene's own stroke, whole, is among what is counted.
         let relighter = Relighter::new(&asset).unwrap();
         let own = asset.section(BoltSection::TAG, "strokes", BoltSection::read).unwrap();
-        let lamps = Stroke::grow(&own.strokes[0]).lamps(0.0);
-        assert!(stroke_ms(&relighter, &lamps, &mut RelightBuffers::default()).unwrap() <= record.got);
+        let lights = Stroke::grow(&own.strokes[0]).lights(0.0);
+        assert!(stroke_ms(&relighter, &lights, &mut RelightBuffers::default()).unwrap() <= record.got);
         figure(&asset, "stroke L2")
     });
     assert!(made.windows(2).all(|pair| pair[1] < pair[0]), "{made:?}");
@@ -148,7 +152,7 @@ fn a_budget_in_milliseconds_out_of_reach_says_the_best_there_is_and_what_helps()
     let path = folder.path().join("recipe.toml");
     // Transforming one channel of 350 cells counts for 0.00105 ms already.
     let budget = "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.budget]\nrelight_ms = 0.001\n\n";
-    std::fs::write(&path, text(&format!("{budget}{EYES}"))).unwrap();
+    std::fs::write(&path, text(&format!("{budget}{VIEWPOINTS}"))).unwrap();
     let error = bake(&Recipe::read(&path).unwrap(), &Quiet).map(|_| ()).unwrap_err().to_string();
     for word in ["relight_ms 0.001", "counts for 0.00", "allow more milliseconds", "spacing_m"] {
         assert!(error.contains(word), "{word}: {error}");
@@ -158,14 +162,14 @@ fn a_budget_in_milliseconds_out_of_reach_says_the_best_there_is_and_what_helps()
 #[test]
 fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
-    let asset = baked(folder.path(), &fixed("eyes-0", EYES));
+    let asset = baked(folder.path(), &fixed("eyes-0", VIEWPOINTS));
     let relighter = Relighter::new(&asset).unwrap();
-    let lamps = [LampPoint { position: DVec3::new(0.0, 2400.0, 900.0), intensity: 1.0 }];
+    let lights = [PointLight { position: DVec3::new(0.0, 2400.0, 900.0), intensity: 1.0 }];
     let shown = |position: DVec3, cells: bool| {
         let way = DVec3::new(0.0, 2400.0, 900.0) - position;
         let perspective = Projection::Perspective { vertical_fov: Radians(0.5) };
         let camera = Camera::new(position, way, DVec3::Z, perspective, [16, 12]).unwrap();
-        let drawn = relight(&relighter, &lamps, ("eye", &camera), None, cells, &Quiet);
+        let drawn = relight(&relighter, &lights, ("eye", &camera), None, cells, &Quiet);
         drawn.map(|(fields, _)| fields.images[0].2.mean.clone()).map_err(|error| error.to_string())
     };
     let picture = shown(DVec3::new(0.0, 0.0, 2.0), false).unwrap();
@@ -187,8 +191,8 @@ fn assets_for_eyes_and_for_anyone_are_compared_where_both_can_be_seen() {
     /// Degree 1 against degree 3, coding, and cells that only one of them knows left out.
     const NEAR: f64 = 0.05;
     let folder = tempfile::tempdir().unwrap();
-    let [few, all] = [("eyes-1", EYES), ("harmonics-3", "")]
-        .map(|(channels, eyes)| baked(folder.path(), &fixed(channels, eyes)));
+    let [few, all] = [("eyes-1", VIEWPOINTS), ("harmonics-3", "")]
+        .map(|(channels, view_region)| baked(folder.path(), &fixed(channels, view_region)));
     let found = diff(&few, &all).unwrap();
     let l2 = found
         .parts
@@ -196,7 +200,7 @@ fn assets_for_eyes_and_for_anyone_are_compared_where_both_can_be_seen() {
         .find(|error| error.metric.contains("relative L2") && error.metric.contains("relit"));
     let value = l2.and_then(|error| error.value).unwrap();
     assert!(value > 0.0 && value < NEAR, "{value}");
-    let away = EYES
+    let away = VIEWPOINTS
         .replace("[-100.0, -100.0, 0.0]", "[-100.0, -900.0, 0.0]")
         .replace("[100.0, 100.0, 40.0]", "[100.0, -500.0, 40.0]");
     let other = baked(folder.path(), &fixed("eyes-1", &away));
@@ -217,14 +221,14 @@ fn eyes_that_make_no_sense_are_refused_by_name() {
         };
         assert!(words.iter().all(|word| error.contains(word)), "{error}");
     };
-    let eyes = |low: &str, high: &str| format!("[clouds.eyes]\nlow_m = {low}\nhigh_m = {high}\n");
+    let view_region = |low: &str, high: &str| format!("[clouds.eyes]\nlow_m = {low}\nhigh_m = {high}\n");
     let channels = "[clouds.response]\nchannels = \"eyes-1\"\n";
     refused(channels, ["clouds.response.channels", "[clouds.eyes]"]);
-    refused(&format!("{channels}direct = \"rows\"\n{EYES}"), ["clouds.response.channels", "run-time"]);
-    refused(&eyes("[0.0, 0.0, 9.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.high_m", "no less than low_m"]);
-    refused(&eyes("[0.0, nan, 0.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.low_m", "three numbers"]);
-    let near = eyes("[-400.0, 1000.0, 0.0]", "[400.0, 1900.0, 300.0]");
+    refused(&format!("{channels}direct = \"rows\"\n{VIEWPOINTS}"), ["clouds.response.channels", "run-time"]);
+    refused(&view_region("[0.0, 0.0, 9.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.high_m", "no less than low_m"]);
+    refused(&view_region("[0.0, nan, 0.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.low_m", "three numbers"]);
+    let near = view_region("[-400.0, 1000.0, 0.0]", "[400.0, 1900.0, 300.0]");
     refused(&format!("{channels}{near}"), ["clouds.response.channels", "too near"]);
     let view = "[view]\nposition_m = [0.0, 0.0, 99.0]\nheading_deg = 90.0\n";
-    refused(&format!("{EYES}{view}"), ["view.position_m", "[clouds.eyes]"]);
+    refused(&format!("{VIEWPOINTS}{view}"), ["view.position_m", "[clouds.eyes]"]);
 }

@@ -2,9 +2,9 @@
 //! there is. They may hold anything, and hold what the transform has least to say of: the mean of the seen cells around, block by
 //! block of the transform's own pairing.
 
-use super::eyes::visible;
+use super::view_region::visible;
 use squall_formats::GridShape;
-use squall_formats::eyes::EyeBox;
+use squall_formats::view_region::ViewRegion;
 use squall_runtime::transport::Cloud;
 
 /// One level of blocks: its size and which of them hold a seen cell.
@@ -14,17 +14,17 @@ struct Level {
 }
 
 /// Which cells of a grid are read, and a way to fill the others.
-pub struct Unseen {
+pub struct HiddenCells {
     shape: GridShape,
     levels: Vec<Level>,
 }
 
-impl Unseen {
+impl HiddenCells {
     /// Looks at a stored grid. Light is read between the middles of eight cells, and only where there is density: a cell is seen
-    /// where one of the 27 around it has some, and, with `eyes`, where those can see it. `None` where all are.
-    pub fn new(cloud: &Cloud, eyes: Option<&EyeBox>) -> Option<Self> {
+    /// where one of the 27 around it has some, and, with `view_region`, where those can see it. `None` where all are.
+    pub fn new(cloud: &Cloud, view_region: Option<&ViewRegion>) -> Option<Self> {
         let mut seen = cloud.shaded();
-        if let Some(visible) = eyes.and_then(|eyes| visible(cloud, eyes)) {
+        if let Some(visible) = view_region.and_then(|view_region| visible(cloud, view_region)) {
             seen.iter_mut().zip(visible).for_each(|(seen, visible)| *seen &= visible);
         }
         Self::of(cloud.shape, seen)
@@ -114,12 +114,12 @@ mod tests {
     #[test]
     fn seen_cells_keep_their_values_and_the_rest_adds_no_detail() {
         let cloud = corner();
-        let unseen = Unseen::new(&cloud, None).unwrap();
-        assert_eq!(unseen.seen().iter().filter(|&&seen| seen).count(), 27);
+        let hidden = HiddenCells::new(&cloud, None).unwrap();
+        assert_eq!(hidden.seen().iter().filter(|&&seen| seen).count(), 27);
         let values: Vec<f32> = (0..cloud.shape.len()).map(|i| ((i * 37) % 101) as f32).collect();
         let mut filled = values.clone();
-        unseen.fill(&mut filled);
-        let kept = (0..values.len()).filter(|&i| unseen.seen()[i]).all(|i| filled[i] == values[i]);
+        hidden.fill(&mut filled);
+        let kept = (0..values.len()).filter(|&i| hidden.seen()[i]).all(|i| filled[i] == values[i]);
         assert!(kept);
         let details = |values: &[f32]| {
             let mut planes = values.to_vec();
@@ -135,14 +135,14 @@ mod tests {
     fn a_cloud_that_fills_its_grid_has_nothing_unseen() {
         let mut cloud = corner();
         cloud.extinction.fill(0.01);
-        assert!(Unseen::new(&cloud, None).is_none());
+        assert!(HiddenCells::new(&cloud, None).is_none());
     }
 
     #[test]
     fn periodic_sides_see_across() {
         let cloud = Cloud { boundary: Boundary::PeriodicXy, ..corner() };
-        let unseen = Unseen::new(&cloud, None).unwrap();
-        assert!(unseen.seen()[cloud.shape.index(12, 8, 0)]);
-        assert!(!unseen.seen()[cloud.shape.index(6, 4, 0)]);
+        let hidden = HiddenCells::new(&cloud, None).unwrap();
+        assert!(hidden.seen()[cloud.shape.index(12, 8, 0)]);
+        assert!(!hidden.seen()[cloud.shape.index(6, 4, 0)]);
     }
 }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 /// Nodes of the lamp grid.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LampGrid {
+pub struct LightGrid {
     /// Rising node coordinates, m.
     pub x_m: Vec<f64>,
     /// Rising node coordinates, m.
@@ -15,7 +15,7 @@ pub struct LampGrid {
     pub wanted: Vec<bool>,
 }
 
-impl LampGrid {
+impl LightGrid {
     /// Number of nodes.
     pub fn len(&self) -> usize {
         self.x_m.len() * self.y_m.len() * self.z_m.len()
@@ -72,7 +72,7 @@ impl LampGrid {
 
 /// Node coordinates of a lamp grid over a cloud. \[dobashi\] §5.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LampSpacing {
+pub struct LightSpacing {
     /// Distance between nodes sideways and above the cloud's base, h_usr, m.
     pub base_m: f64,
     /// ε of eq. 4, 1/m²: how much 1/r² may fall from one node below the base to the next.
@@ -85,7 +85,7 @@ pub struct LampSpacing {
 /// intervals that eq. 4 allows, no shorter than `base_m` and no longer than `longest_m`, down to `low.z`.
 ///
 /// Eq. 4 as printed is singular at the base itself (r = 0) and unbounded far below; the first interval here is `base_m`.
-pub fn lamp_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LampSpacing) -> LampGrid {
+pub fn light_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LightSpacing) -> LightGrid {
     let even = |from: f64, to: f64| -> Vec<f64> {
         let count = ((to - from) / spacing.base_m - 1e-9).ceil().max(0.0) as usize;
         (0..=count).map(|i| from + (to - from) * i as f64 / count.max(1) as f64).collect()
@@ -106,18 +106,18 @@ pub fn lamp_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LampSpacing
     below.reverse();
     let mut z_m = below;
     z_m.extend(even(base, high.z));
-    LampGrid { x_m: even(low.x, high.x), y_m: even(low.y, high.y), z_m, wanted: Vec::new() }
+    LightGrid { x_m: even(low.x, high.x), y_m: even(low.y, high.y), z_m, wanted: Vec::new() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const SPACING: LampSpacing = LampSpacing { base_m: 100.0, epsilon: 2e-6, longest_m: 1000.0 };
+    const SPACING: LightSpacing = LightSpacing { base_m: 100.0, epsilon: 2e-6, longest_m: 1000.0 };
 
     #[test]
     fn lamp_intervals_are_even_above_the_base_and_widen_below_it_within_eq_4() {
-        let grid = lamp_grid(DVec3::new(0.0, 0.0, -4000.0), DVec3::new(1000.0, 500.0, 400.0), 0.0, SPACING);
+        let grid = light_grid(DVec3::new(0.0, 0.0, -4000.0), DVec3::new(1000.0, 500.0, 400.0), 0.0, SPACING);
         assert_eq!(grid.x_m.len(), 11);
         assert_eq!(grid.y_m.len(), 6);
         assert_eq!((grid.z_m[0], *grid.z_m.last().unwrap()), (-4000.0, 400.0));
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn a_lamp_box_above_the_base_or_of_no_height_still_has_nodes() {
-        let grid = lamp_grid(DVec3::new(0.0, 0.0, 100.0), DVec3::new(0.0, 0.0, 100.0), 0.0, SPACING);
+        let grid = light_grid(DVec3::new(0.0, 0.0, 100.0), DVec3::new(0.0, 0.0, 100.0), 0.0, SPACING);
         assert_eq!((grid.x_m.len(), grid.y_m.len(), grid.z_m.len()), (1, 1, 1));
     }
 }

@@ -13,30 +13,30 @@
 use serde::{Deserialize, Serialize};
 
 /// Highest degree of the polynomials.
-pub const MAX_EYE_DEGREE: u8 = 2;
-/// Number of polynomials up to [`MAX_EYE_DEGREE`].
-pub const MAX_EYE_FUNCTIONS: usize = 6;
+pub const MAX_VIEW_DEGREE: u8 = 2;
+/// Number of polynomials up to [`MAX_VIEW_DEGREE`].
+pub const MAX_VIEW_FUNCTIONS: usize = 6;
 /// A box thinner than this share of its distance has no width.
 const THINNEST: f64 = 1e-9;
 /// 1 + D·d below which the turn from D to d is not known: the box is then in the middle of the grid.
 const OPPOSITE: f64 = 1e-6;
 
 /// Number of polynomials of degree 0 to `degree` in two coordinates.
-pub const fn eye_functions(degree: u8) -> usize {
+pub const fn view_functions(degree: u8) -> usize {
     let degree = degree as usize;
     (degree + 1) * (degree + 2) / 2
 }
 
 /// Where eyes stand: an axis-aligned box, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EyeBox {
+pub struct ViewRegion {
     /// Corner with the smallest coordinates.
     pub low_m: [f64; 3],
     /// Corner with the largest coordinates, none below `low_m`'s.
     pub high_m: [f64; 3],
 }
 
-impl EyeBox {
+impl ViewRegion {
     /// Whether an eye at `point` is one of these, faces included; not a number is in no box.
     pub fn contains(&self, point: [f64; 3]) -> bool {
         (0..3).all(|axis| (self.low_m[axis]..=self.high_m[axis]).contains(&point[axis]))
@@ -61,27 +61,27 @@ impl EyeBox {
 
 /// A box of eyes as the cells of one grid see it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EyeFrame {
+pub struct ViewRegionFrame {
     centre: [f64; 3],
     half: [f64; 3],
     /// D, and two axes across it.
     axes: [[f64; 3]; 3],
 }
 
-impl EyeFrame {
-    /// The frame of `eyes` for a grid whose middle is `grid_centre`, m. Across D lies first z × D, or x × D where D is within 0.1 %
+impl ViewRegionFrame {
+    /// The frame of `view_region` for a grid whose middle is `grid_centre`, m. Across D lies first z × D, or x × D where D is within 0.1 %
     /// of upright, then D × that.
-    pub fn new(eyes: &EyeBox, grid_centre: [f64; 3]) -> Self {
-        let centre = eyes.centre();
+    pub fn new(view_region: &ViewRegion, grid_centre: [f64; 3]) -> Self {
+        let centre = view_region.centre();
         let ahead = unit(minus(centre, grid_centre)).unwrap_or([0.0, 0.0, 1.0]);
         let up = if ahead[2].abs() < 0.999 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
         let first = unit(cross(up, ahead)).unwrap_or([1.0, 0.0, 0.0]);
-        Self { centre, half: eyes.half(), axes: [ahead, first, cross(ahead, first)] }
+        Self { centre, half: view_region.half(), axes: [ahead, first, cross(ahead, first)] }
     }
 
     /// The polynomials at a cell in unit direction `towards` an eye: 1, √3 p, √3 q, (√5/2)(3p² − 1), 3pq, (√5/2)(3q² − 1), which
     /// are orthonormal over p and q evenly spread in −1…1, as the eyes of a distant box that faces the cell are.
-    pub fn functions(&self, cell: [f64; 3], towards: [f64; 3]) -> [f64; MAX_EYE_FUNCTIONS] {
+    pub fn functions(&self, cell: [f64; 3], towards: [f64; 3]) -> [f64; MAX_VIEW_FUNCTIONS] {
         let [p, q] = self.coordinates(cell, towards);
         let (root_3, half_root_5) = (libm::sqrt(3.0), libm::sqrt(5.0) / 2.0);
         [
@@ -134,7 +134,7 @@ fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
 mod tests {
     use super::*;
 
-    const EYES: EyeBox = EyeBox { low_m: [-500.0, -300.0, 0.0], high_m: [500.0, 300.0, 200.0] };
+    const VIEWPOINTS: ViewRegion = ViewRegion { low_m: [-500.0, -300.0, 0.0], high_m: [500.0, 300.0, 200.0] };
     const GRID: [f64; 3] = [2000.0, 13_000.0, 5000.0];
 
     fn direction(cell: [f64; 3], eye: [f64; 3]) -> [f64; 3] {
@@ -143,13 +143,13 @@ mod tests {
 
     #[test]
     fn the_middle_of_the_box_has_no_offset_and_its_eyes_few_half_widths() {
-        let frame = EyeFrame::new(&EYES, GRID);
+        let frame = ViewRegionFrame::new(&VIEWPOINTS, GRID);
         for cell in [GRID, [-3000.0, 9000.0, 800.0], [6000.0, 14_000.0, 9000.0]] {
-            let middle = frame.coordinates(cell, direction(cell, EYES.centre()));
+            let middle = frame.coordinates(cell, direction(cell, VIEWPOINTS.centre()));
             assert!(middle.iter().all(|p| p.abs() < 1e-12), "{middle:?}");
             for corner in 0..8 {
                 let side = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
-                let eye = EYES.point([side(0), side(1), side(2)]);
+                let eye = VIEWPOINTS.point([side(0), side(1), side(2)]);
                 let found = frame.coordinates(cell, direction(cell, eye));
                 // √3 of the half width is the farthest that a corner of three edges can lie, perspective apart.
                 assert!(found.iter().all(|p| p.abs() < 1.9), "{found:?}");
@@ -161,12 +161,13 @@ mod tests {
     fn polynomials_are_nearly_orthonormal_over_the_eyes_of_a_distant_box() {
         /// Perspective, and a box that does not face the cell squarely.
         const FAR: f64 = 0.2;
-        let frame = EyeFrame::new(&EYES, GRID);
+        let frame = ViewRegionFrame::new(&VIEWPOINTS, GRID);
         let mut gram = [[0.0; 3]; 3];
         let count = 12;
         for i in 0..count * count * count {
             let share = |n: usize| 2.0 * (n as f64 + 0.5) / f64::from(count as u32) - 1.0;
-            let eye = EYES.point([share(i % count), share(i / count % count), share(i / count / count)]);
+            let eye =
+                VIEWPOINTS.point([share(i % count), share(i / count % count), share(i / count / count)]);
             let values = frame.functions(GRID, direction(GRID, eye));
             for (a, row) in gram.iter_mut().enumerate() {
                 for (b, sum) in row.iter_mut().enumerate() {
@@ -184,8 +185,8 @@ mod tests {
 
     #[test]
     fn a_single_eye_has_one_function_that_counts() {
-        let eyes = EyeBox { low_m: [1.0, 2.0, 3.0], high_m: [1.0, 2.0, 3.0] };
-        let frame = EyeFrame::new(&eyes, GRID);
+        let view_region = ViewRegion { low_m: [1.0, 2.0, 3.0], high_m: [1.0, 2.0, 3.0] };
+        let frame = ViewRegionFrame::new(&view_region, GRID);
         let values = frame.functions(GRID, direction(GRID, [1.0, 2.0, 3.0]));
         assert_eq!(values[..3], [1.0, 0.0, 0.0]);
         assert!(values.iter().all(|v| v.is_finite()));
@@ -193,8 +194,8 @@ mod tests {
 
     #[test]
     fn neighbouring_cells_have_neighbouring_frames() {
-        let frame = EyeFrame::new(&EYES, GRID);
-        let eye = EYES.point([0.7, -0.4, 0.9]);
+        let frame = ViewRegionFrame::new(&VIEWPOINTS, GRID);
+        let eye = VIEWPOINTS.point([0.7, -0.4, 0.9]);
         let at = |x: f64| frame.coordinates([x, 13_000.0, 5000.0], direction([x, 13_000.0, 5000.0], eye));
         for step in -50..50 {
             let x = f64::from(step) * 100.0;

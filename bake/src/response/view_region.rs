@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use squall_formats::eyes::{EyeBox, MAX_EYE_FUNCTIONS, eye_functions};
 use squall_formats::sphere::{self, MAX_HARMONICS};
-use squall_runtime::relight::eye_frame;
+use squall_formats::view_region::{MAX_VIEW_FUNCTIONS, ViewRegion, view_functions};
+use squall_runtime::relight::view_region_frame;
 use squall_runtime::transport::direct::Tracer;
 use squall_runtime::transport::{Boundary, Cloud};
 
@@ -15,7 +15,7 @@ const GAUSS: [(f64, f64); 3] =
 const RIDGE: f64 = 1e-7;
 
 /// What turns 16 harmonics a cell into polynomials towards eyes: the best fit over the box. Cells that are not seen have none.
-pub struct EyeMap {
+pub struct ViewRegionMap {
     functions: usize,
     /// Cells that are seen, rising.
     cells: Vec<u32>,
@@ -23,17 +23,17 @@ pub struct EyeMap {
     factors: Vec<f32>,
 }
 
-impl EyeMap {
+impl ViewRegionMap {
     /// The map for polynomials of degree 0 to `degree`, in the cells that are `seen`; in all without.
-    pub fn new(cloud: &Cloud, eyes: &EyeBox, degree: u8, seen: Option<&[bool]>) -> Self {
-        let (frame, functions) = (eye_frame(eyes, cloud), eye_functions(degree));
+    pub fn new(cloud: &Cloud, view_region: &ViewRegion, degree: u8, seen: Option<&[bool]>) -> Self {
+        let (frame, functions) = (view_region_frame(view_region, cloud), view_functions(degree));
         let one = |cell: usize| {
             let middle = cloud.centre(cloud.shape.cell(cell));
-            let mut normal = [[0.0; MAX_EYE_FUNCTIONS]; MAX_EYE_FUNCTIONS];
-            let mut right = [[0.0; MAX_HARMONICS]; MAX_EYE_FUNCTIONS];
+            let mut normal = [[0.0; MAX_VIEW_FUNCTIONS]; MAX_VIEW_FUNCTIONS];
+            let mut right = [[0.0; MAX_HARMONICS]; MAX_VIEW_FUNCTIONS];
             for at in 0..27 {
                 let [x, y, z] = [at % 3, at / 3 % 3, at / 9].map(|place| GAUSS[place]);
-                let eye = DVec3::from_array(eyes.point([x.0, y.0, z.0]));
+                let eye = DVec3::from_array(view_region.point([x.0, y.0, z.0]));
                 let Some(towards) = (eye - middle).try_normalize() else { continue };
                 let towards = towards.to_array();
                 let (values, harmonics) =
@@ -86,8 +86,8 @@ impl EyeMap {
 
 /// Solves `normal` x = `right` for `count` unknowns and sixteen right sides, by Cholesky; x takes the place of `right`.
 fn solve(
-    normal: &mut [[f64; MAX_EYE_FUNCTIONS]; MAX_EYE_FUNCTIONS],
-    right: &mut [[f64; MAX_HARMONICS]; MAX_EYE_FUNCTIONS],
+    normal: &mut [[f64; MAX_VIEW_FUNCTIONS]; MAX_VIEW_FUNCTIONS],
+    right: &mut [[f64; MAX_HARMONICS]; MAX_VIEW_FUNCTIONS],
     count: usize,
 ) {
     for j in 0..count {
@@ -118,11 +118,11 @@ fn solve(
 const APART: f64 = 2.0;
 
 /// Whether eyes are far enough away for channels towards them, a single one too: a cell away at least.
-pub fn stand_apart(cloud: &Cloud, eyes: &EyeBox) -> bool {
-    let centre = DVec3::from_array(eyes.centre());
+pub fn stand_apart(cloud: &Cloud, view_region: &ViewRegion) -> bool {
+    let centre = DVec3::from_array(view_region.centre());
     let nearest = centre.distance(centre.clamp(cloud.origin_m, cloud.far_corner()));
-    let least =
-        (APART * DVec3::from_array(eyes.half()).length()).max(DVec3::from_array(cloud.cell_m).length());
+    let least = (APART * DVec3::from_array(view_region.half()).length())
+        .max(DVec3::from_array(cloud.cell_m).length());
     cloud.boundary == Boundary::Open && nearest >= least
 }
 
@@ -144,11 +144,11 @@ const MOST_ROUNDS: usize = 8;
 ///
 /// `None` where that cannot be said: eyes that do not stand apart, or so near before so deep a cloud that it would take too many
 /// rounds.
-pub fn visible(cloud: &Cloud, eyes: &EyeBox) -> Option<Vec<bool>> {
-    if !stand_apart(cloud, eyes) {
+pub fn visible(cloud: &Cloud, view_region: &ViewRegion) -> Option<Vec<bool>> {
+    if !stand_apart(cloud, view_region) {
         return None;
     }
-    let (lookouts, rounds) = lookouts(cloud, eyes)?;
+    let (lookouts, rounds) = lookouts(cloud, view_region)?;
     let tracer = Tracer::new(cloud, 1.0);
     let half_diagonal = 0.5 * DVec3::from_array(cloud.cell_m).length() as f32;
     let sees = |cell: usize| {
@@ -167,8 +167,8 @@ pub fn visible(cloud: &Cloud, eyes: &EyeBox) -> Option<Vec<bool>> {
 }
 
 /// The lattice of eyes, and the rounds that go with it; `None` where those would be too many.
-fn lookouts(cloud: &Cloud, eyes: &EyeBox) -> Option<(Vec<DVec3>, usize)> {
-    let (low, high) = (DVec3::from_array(eyes.low_m), DVec3::from_array(eyes.high_m));
+fn lookouts(cloud: &Cloud, view_region: &ViewRegion) -> Option<(Vec<DVec3>, usize)> {
+    let (low, high) = (DVec3::from_array(view_region.low_m), DVec3::from_array(view_region.high_m));
     let half_diagonal = 0.5 * DVec3::from_array(cloud.cell_m).length();
     // How near and how far from any eye of the box there is cloud.
     let (mut nearest, mut farthest) = (f64::INFINITY, 0.0f64);
@@ -186,7 +186,7 @@ fn lookouts(cloud: &Cloud, eyes: &EyeBox) -> Option<(Vec<DVec3>, usize)> {
     let finest = cloud.cell_m.iter().fold(f64::INFINITY, |least, &edge| least.min(edge));
     let (mut counts, mut moved) = ([1; 3], 0.0f64);
     for (axis, count) in counts.iter_mut().enumerate() {
-        let edge = 2.0 * eyes.half()[axis];
+        let edge = 2.0 * view_region.half()[axis];
         if edge > 0.0 {
             // An eye between two is half their distance from the nearer.
             let gaps = (edge * share / (2.0 * finest)).ceil().clamp(1.0, (MOST_LOOKOUTS - 1) as f64);
@@ -205,7 +205,7 @@ fn lookouts(cloud: &Cloud, eyes: &EyeBox) -> Option<(Vec<DVec3>, usize)> {
         for y in 0..counts[1] {
             for x in 0..counts[0] {
                 let at = [place(x, counts[0]), place(y, counts[1]), place(z, counts[2])];
-                found.push(DVec3::from_array(eyes.point(at)));
+                found.push(DVec3::from_array(view_region.point(at)));
             }
         }
     }
@@ -219,7 +219,7 @@ mod tests {
     use squall_formats::sphere::degree_of;
     use squall_runtime::random::Random;
 
-    const EYES: EyeBox = EyeBox { low_m: [-150.0, -150.0, 0.0], high_m: [150.0, 150.0, 60.0] };
+    const VIEWPOINTS: ViewRegion = ViewRegion { low_m: [-150.0, -150.0, 0.0], high_m: [150.0, 150.0, 60.0] };
 
     fn cloud(extinction: impl Fn([usize; 3]) -> f32) -> Cloud {
         let shape = GridShape::new(12, 20, 9);
@@ -241,20 +241,20 @@ mod tests {
             let mean = if degree == 0.0 { 3.0 } else { 0.0 };
             *value = (libm::pow(0.85, degree) * (random.normal() + mean)) as f32;
         }
-        let eyes: Vec<DVec3> = (0..40)
+        let view_region: Vec<DVec3> = (0..40)
             .map(|_| {
                 let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
-                DVec3::from_array(EYES.point(at))
+                DVec3::from_array(VIEWPOINTS.point(at))
             })
             .collect();
-        let frame = eye_frame(&EYES, &cloud);
+        let frame = view_region_frame(&VIEWPOINTS, &cloud);
         let mut before = f64::INFINITY;
         for degree in 0..3u8 {
-            let planes = EyeMap::new(&cloud, &EYES, degree, None).apply(&harmonics);
+            let planes = ViewRegionMap::new(&cloud, &VIEWPOINTS, degree, None).apply(&harmonics);
             let (mut off, mut size) = (0.0, 0.0);
             for cell in 0..cells {
                 let middle = cloud.centre(cloud.shape.cell(cell));
-                for &eye in &eyes {
+                for &eye in &view_region {
                     let towards = (eye - middle).normalize().to_array();
                     let wanted: f64 = sphere::harmonics(towards)
                         .iter()
@@ -262,7 +262,7 @@ mod tests {
                         .map(|(m, y)| y * f64::from(harmonics[m * cells + cell]))
                         .sum();
                     let values = frame.functions(middle.to_array(), towards);
-                    let found: f64 = (0..eye_functions(degree))
+                    let found: f64 = (0..view_functions(degree))
                         .map(|f| values[f] * f64::from(planes[f * cells + cell]))
                         .sum();
                     off += (found - wanted) * (found - wanted);
@@ -285,7 +285,7 @@ mod tests {
         let mut harmonics = vec![0.0f32; cells * MAX_HARMONICS];
         harmonics[..cells].fill(libm::sqrtf(4.0 * std::f32::consts::PI));
         for degree in 0..3 {
-            let planes = EyeMap::new(&cloud, &EYES, degree, None).apply(&harmonics);
+            let planes = ViewRegionMap::new(&cloud, &VIEWPOINTS, degree, None).apply(&harmonics);
             for (at, value) in planes.iter().enumerate() {
                 let wanted = if at < cells { 1.0 } else { 0.0 };
                 assert!((value - wanted).abs() < EXACT, "degree {degree}, {at}: {value}");
@@ -297,8 +297,8 @@ mod tests {
     fn a_thick_wall_hides_what_lies_deeper_than_an_eye_can_see() {
         // Seen from y far below: cells of 60 m with an optical depth of 6 each, 2.3 cells deep.
         let cloud = cloud(|_| 0.1);
-        let eyes = EyeBox { low_m: [50.0, -9000.0, 420.0], high_m: [50.0, -9000.0, 420.0] };
-        let seen = visible(&cloud, &eyes).unwrap();
+        let view_region = ViewRegion { low_m: [50.0, -9000.0, 420.0], high_m: [50.0, -9000.0, 420.0] };
+        let seen = visible(&cloud, &view_region).unwrap();
         for (cell, &seen) in seen.iter().enumerate() {
             let [_, y, _] = cloud.shape.cell(cell);
             // The half diagonal is 0.73 of a cell's edge along y, two cells more are kept beside.
@@ -320,15 +320,15 @@ mod tests {
             19 => 1.0,
             _ => 0.0,
         });
-        let eyes = EyeBox { low_m: [-150.0, -150.0, 400.0], high_m: [150.0, 150.0, 460.0] };
-        let seen = visible(&cloud, &eyes).unwrap();
+        let view_region = ViewRegion { low_m: [-150.0, -150.0, 400.0], high_m: [150.0, 150.0, 460.0] };
+        let seen = visible(&cloud, &view_region).unwrap();
         let tracer = Tracer::new(&cloud, 1.0);
         let mut random = Random::new(5);
         let gap = cloud.centre([6, 0, 4]);
         let mut met = std::collections::BTreeSet::new();
         for _ in 0..4000 {
             let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
-            let eye = DVec3::from_array(eyes.point(at));
+            let eye = DVec3::from_array(view_region.point(at));
             let aim = gap + DVec3::new(random.range(-25.0, 25.0), 0.0, random.range(-20.0, 20.0));
             let wall = cloud.origin_m.y + 19.1 * cloud.cell_m[1];
             let point = eye + (aim - eye) * ((wall - eye.y) / (aim.y - eye.y));
@@ -363,15 +363,16 @@ mod tests {
                 g: 0.85,
                 boundary: Boundary::Open,
             };
-            let eyes = EyeBox { low_m: [-90.0, 0.0, -10.0], high_m: [90.0, 0.0, 10.0] };
-            let found = visible(&cloud, &eyes);
+            let view_region = ViewRegion { low_m: [-90.0, 0.0, -10.0], high_m: [90.0, 0.0, 10.0] };
+            let found = visible(&cloud, &view_region);
             assert_eq!(found.is_some(), hides, "a wall in row {far}");
             let Some(seen) = found else { continue };
             let tracer = Tracer::new(&cloud, 1.0);
             let mut met = 0;
             for at in 0..61 * 9 * 41 {
                 let (x, z, eye) = (at % 61, at / 61 % 9, at / (61 * 9));
-                let eye = DVec3::from_array(eyes.point([f64::from(eye as u32) / 20.0 - 1.0, 0.0, 0.3]));
+                let eye =
+                    DVec3::from_array(view_region.point([f64::from(eye as u32) / 20.0 - 1.0, 0.0, 0.3]));
                 // The near side of the cell.
                 let point = cloud.centre([x, far as usize, z]) - DVec3::Y * 49.0;
                 if tracer.optical_depth(eye, point) < DEEPEST {
@@ -386,14 +387,14 @@ mod tests {
     #[test]
     fn nothing_is_hidden_from_eyes_that_are_near_or_under_a_cloud_without_end() {
         let dense = cloud(|_| 0.1);
-        let around = EyeBox { low_m: [-5000.0, -5000.0, 0.0], high_m: [5000.0, 5000.0, 5000.0] };
+        let around = ViewRegion { low_m: [-5000.0, -5000.0, 0.0], high_m: [5000.0, 5000.0, 5000.0] };
         assert!(visible(&dense, &around).is_none());
-        let near = EyeBox { low_m: [-250.0, 0.0, 0.0], high_m: [250.0, 800.0, 300.0] };
+        let near = ViewRegion { low_m: [-250.0, 0.0, 0.0], high_m: [250.0, 800.0, 300.0] };
         assert!(visible(&dense, &near).is_none());
         let inside = dense.centre([6, 10, 4]).to_array();
-        assert!(visible(&dense, &EyeBox { low_m: inside, high_m: inside }).is_none());
+        assert!(visible(&dense, &ViewRegion { low_m: inside, high_m: inside }).is_none());
         let endless = Cloud { boundary: Boundary::PeriodicXy, ..dense.clone() };
-        assert!(visible(&dense, &EYES).is_some() && visible(&endless, &EYES).is_none());
+        assert!(visible(&dense, &VIEWPOINTS).is_some() && visible(&endless, &VIEWPOINTS).is_none());
     }
 
     #[test]
@@ -404,13 +405,13 @@ mod tests {
             let lump = lumps[x + 12 * (y + 20 * z)];
             if lump < -1.5 { 0.0 } else { (0.06 * libm::exp(0.8 * lump)) as f32 }
         });
-        let seen = visible(&cloud, &EYES).unwrap();
+        let seen = visible(&cloud, &VIEWPOINTS).unwrap();
         assert!(seen.contains(&false), "nothing is hidden: the test shows nothing");
         let tracer = Tracer::new(&cloud, 1.0);
         let mut met = 0;
         for _ in 0..20_000 {
             let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
-            let eye = DVec3::from_array(EYES.point(at));
+            let eye = DVec3::from_array(VIEWPOINTS.point(at));
             let size = cloud.far_corner() - cloud.origin_m;
             let share = DVec3::new(random.unit(), random.unit(), random.unit());
             let point = cloud.origin_m + size * share;

@@ -4,13 +4,13 @@ use super::{TestStroke, add_direct};
 use crate::error::BakeError;
 use glam::DVec3;
 use rayon::prelude::*;
-use squall_formats::eyes::{EyeBox, EyeFrame};
 use squall_formats::section::bolt::StrokeRecord;
-use squall_formats::section::response::{ChannelBasis, DirectTerm};
+use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere::{self, MAX_HARMONICS};
+use squall_formats::view_region::{ViewRegion, ViewRegionFrame};
 use squall_runtime::random::Random;
 use squall_runtime::relight::{
-    LampPoint, RelightBuffers, RelightOptions, Relighter, Relit, channel_factors, eye_frame,
+    PointLight, RelightBuffers, RelightOptions, Relighter, Relit, basis_factors, view_region_frame,
 };
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::Cloud;
@@ -29,7 +29,7 @@ pub struct RelitError {
 
 /// What test strokes say of a response.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Verdict {
+pub struct Scores {
     /// Relit from the written bytes, against the same rows before compression.
     pub codec: RelitError,
     /// Relit from the written bytes, against the stroke solved directly; all light, direct light included.
@@ -41,15 +41,15 @@ pub struct Views {
     /// Cells that are judged.
     cells: Vec<u32>,
     /// Middles of those and directions from them to the eyes, eyes innermost; nothing for the 26 directions.
-    eyes: Option<Vec<(DVec3, DVec3)>>,
+    view_region: Option<Vec<(DVec3, DVec3)>>,
     /// What each view of a cell counts for, summing to 1.
     weights: Vec<f64>,
 }
 
 /// Eyes that judge light at once.
-const EYES: usize = 8;
+const VIEWPOINTS: usize = 8;
 /// Seed of their places, beside their number.
-const EYES_SEED: u64 = 0xe7e5;
+const VIEWPOINTS_SEED: u64 = 0xe7e5;
 
 /// Factors of channels in every view: those of a cell's views behind one another, or of one cell's that stand for all.
 pub struct ViewFactors {
@@ -58,27 +58,32 @@ pub struct ViewFactors {
 }
 
 impl Views {
-    /// Views of the cells that are `seen`: the 26 directions where `eyes` may stand anywhere, else towards eyes drawn at random from
+    /// Views of the cells that are `seen`: the 26 directions where `view_region` may stand anywhere, else towards eyes drawn at random from
     /// their box. Another `number` draws others.
-    pub fn new(cloud: &Cloud, eyes: Option<&EyeBox>, number: u64, seen: impl Fn(usize) -> bool) -> Self {
+    pub fn new(
+        cloud: &Cloud,
+        view_region: Option<&ViewRegion>,
+        number: u64,
+        seen: impl Fn(usize) -> bool,
+    ) -> Self {
         let cells: Vec<u32> =
             (0..cloud.shape.len()).filter(|&cell| seen(cell)).map(|cell| cell as u32).collect();
-        let Some(eyes) = eyes else {
-            return Self { cells, eyes: None, weights: sphere::weights_26().to_vec() };
+        let Some(view_region) = view_region else {
+            return Self { cells, view_region: None, weights: sphere::weights_26().to_vec() };
         };
-        let mut random = Random::from_parts(&[EYES_SEED, number]);
-        let places: [DVec3; EYES] = std::array::from_fn(|_| {
+        let mut random = Random::from_parts(&[VIEWPOINTS_SEED, number]);
+        let places: [DVec3; VIEWPOINTS] = std::array::from_fn(|_| {
             let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
-            DVec3::from_array(eyes.point(at))
+            DVec3::from_array(view_region.point(at))
         });
         let towards = |&cell: &u32| {
             let middle = cloud.centre(cloud.shape.cell(cell as usize));
             places.map(|eye| (middle, (eye - middle).try_normalize().unwrap_or(DVec3::Z)))
         };
         Self {
-            eyes: Some(cells.iter().flat_map(towards).collect()),
+            view_region: Some(cells.iter().flat_map(towards).collect()),
             cells,
-            weights: vec![1.0 / EYES as f64; EYES],
+            weights: vec![1.0 / VIEWPOINTS as f64; VIEWPOINTS],
         }
     }
 
@@ -88,19 +93,19 @@ impl Views {
     }
 
     /// Factors of `basis`' channels; its frame where it is towards eyes.
-    pub fn factors(&self, basis: ChannelBasis, frame: Option<&EyeFrame>) -> ViewFactors {
+    pub fn factors(&self, basis: DirectionalBasis, frame: Option<&ViewRegionFrame>) -> ViewFactors {
         let mut factors = Vec::new();
         let mut one = Vec::new();
-        match &self.eyes {
+        match &self.view_region {
             None => {
                 for direction in sphere::directions_26() {
-                    channel_factors(basis, None, DVec3::from_array(direction), &mut one);
+                    basis_factors(basis, None, DVec3::from_array(direction), &mut one);
                     factors.extend_from_slice(&one);
                 }
             }
-            Some(eyes) => {
-                for &(middle, towards) in eyes {
-                    channel_factors(basis, frame.map(|frame| (frame, middle)), towards, &mut one);
+            Some(view_region) => {
+                for &(middle, towards) in view_region {
+                    basis_factors(basis, frame.map(|frame| (frame, middle)), towards, &mut one);
                     factors.extend_from_slice(&one);
                 }
             }
@@ -113,7 +118,7 @@ impl Views {
         let (views, channels) = (self.weights.len(), factors.channels);
         let mut out = Vec::with_capacity(self.cells.len() * views);
         for (place, &cell) in self.cells.iter().enumerate() {
-            let first = if self.eyes.is_some() { place * views } else { 0 };
+            let first = if self.view_region.is_some() { place * views } else { 0 };
             let rows = factors.factors[first * channels..].chunks_exact(channels).take(views);
             out.extend(rows.map(|row| relit.value(cell as usize, row)));
         }
@@ -127,13 +132,13 @@ impl Views {
 
     /// Light in the 26 directions, read between them.
     fn between(&self, values: &[f32]) -> Vec<f32> {
-        let Some(eyes) = &self.eyes else {
+        let Some(view_region) = &self.view_region else {
             let of_cell = |&cell: &u32| &values[26 * cell as usize..26 * (cell as usize + 1)];
             return self.cells.iter().flat_map(of_cell).copied().collect();
         };
-        let mut out = Vec::with_capacity(eyes.len());
-        for (place, (_, towards)) in eyes.iter().enumerate() {
-            let cell = 26 * self.cells[place / EYES] as usize;
+        let mut out = Vec::with_capacity(view_region.len());
+        for (place, (_, towards)) in view_region.iter().enumerate() {
+            let cell = 26 * self.cells[place / VIEWPOINTS] as usize;
             let near = sphere::interpolate_26(towards.to_array());
             out.push(near.iter().map(|&(direction, weight)| weight as f32 * values[cell + direction]).sum());
         }
@@ -142,10 +147,10 @@ impl Views {
 
     /// Light in the 26 directions that has no more than degree 3 in it.
     fn smooth(&self, values: &[f32]) -> Vec<f32> {
-        if self.eyes.is_none() {
+        if self.view_region.is_none() {
             return self.between(values);
         }
-        let (basis, cells) = (ChannelBasis::Harmonics { degree: 3 }, values.len() / 26);
+        let (basis, cells) = (DirectionalBasis::Harmonics { degree: 3 }, values.len() / 26);
         let mut planes = vec![0.0; MAX_HARMONICS * cells];
         add_direct(basis, values, 1.0, &mut planes);
         self.light(&Relit { basis, frame: None, cells, planes: &planes }, &self.factors(basis, None))
@@ -153,11 +158,11 @@ impl Views {
 
     /// A test stroke's direct light.
     fn direct(&self, test: &TestStroke) -> Vec<f32> {
-        if self.eyes.is_none() || test.direct_to_eyes.is_empty() {
+        if self.view_region.is_none() || test.direct_to_viewers.is_empty() {
             return self.between(&test.direct);
         }
         let cells = self.cells.iter();
-        cells.flat_map(|&cell| [test.direct_to_eyes[cell as usize]; EYES]).collect()
+        cells.flat_map(|&cell| [test.direct_to_viewers[cell as usize]; VIEWPOINTS]).collect()
     }
 
     /// A test stroke's light, solved directly, and the part of it that the runtime adds itself.
@@ -174,48 +179,49 @@ impl Views {
 }
 
 /// Test strokes with their light as it is judged, for responses of one cloud that leave the same cells out.
-pub struct Jury {
+pub struct HeldOutSet {
     views: Views,
     strokes: Vec<(Vec<f32>, Vec<f32>)>,
 }
 
-impl Jury {
-    /// Prepares the light of `tests`, which [`Jury::verdict`] is to be given again. Eyes are those of `number`.
+impl HeldOutSet {
+    /// Prepares the light of `tests`, which [`HeldOutSet::scores`] is to be given again. Eyes are those of `number`.
     pub fn new(
         cloud: &Cloud,
-        eyes: Option<&EyeBox>,
+        view_region: Option<&ViewRegion>,
         direct: DirectTerm,
         tests: &[TestStroke],
         number: u64,
     ) -> Self {
         let seen = tests.first().map(|test| test.seen.clone()).unwrap_or_default();
-        let views = Views::new(cloud, eyes, number, |cell| seen.is_empty() || seen[cell]);
+        let views = Views::new(cloud, view_region, number, |cell| seen.is_empty() || seen[cell]);
         let strokes = tests.par_iter().map(|test| views.truth(test, direct)).collect();
         Self { views, strokes }
     }
 
     /// Relights every test stroke from `relighter`'s bytes. Each figure is the root mean square (L2) or the mean (tail, median)
     /// over strokes.
-    pub fn verdict(&self, relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Verdict, BakeError> {
-        let frame = relighter.eyes().map(|eyes| eye_frame(eyes, relighter.cloud()));
+    pub fn scores(&self, relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Scores, BakeError> {
+        let frame =
+            relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
         let factors = self.views.factors(relighter.response().head.channels, frame.as_ref());
-        let each: Vec<Result<Verdict, BakeError>> = tests
+        let each: Vec<Result<Scores, BakeError>> = tests
             .par_iter()
             .zip(&self.strokes)
             .map(|(test, (truth, direct))| {
                 let mut buffers = RelightBuffers::default();
-                let relit = relighter.relight(&test.lamps, RelightOptions::default(), &mut buffers)?;
+                let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers)?;
                 let mut shown = self.views.light(&relit, &factors);
                 let unpacked = Relit { planes: &test.uncompressed, ..relit };
                 let codec = self.views.compare(&shown, &self.views.light(&unpacked, &factors));
                 shown.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct);
-                Ok(Verdict { codec, stroke: self.views.compare(&shown, truth) })
+                Ok(Scores { codec, stroke: self.views.compare(&shown, truth) })
             })
             .collect();
-        let (mut sum, mut count) = (Verdict::default(), 0.0f64);
-        for verdict in each {
-            let verdict = verdict?;
-            for (to, from) in [(&mut sum.codec, verdict.codec), (&mut sum.stroke, verdict.stroke)] {
+        let (mut sum, mut count) = (Scores::default(), 0.0f64);
+        for scores in each {
+            let scores = scores?;
+            for (to, from) in [(&mut sum.codec, scores.codec), (&mut sum.stroke, scores.stroke)] {
                 to.l2 += from.l2 * from.l2;
                 to.tail += from.tail;
                 to.median += from.median;
@@ -231,10 +237,11 @@ impl Jury {
     }
 }
 
-/// A [`Jury`] for one response alone.
-pub fn judge(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Result<Verdict, BakeError> {
-    let jury = Jury::new(relighter.cloud(), relighter.eyes(), relighter.direct(), tests, number);
-    jury.verdict(relighter, tests)
+/// A [`HeldOutSet`] for one response alone.
+pub fn evaluate(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Result<Scores, BakeError> {
+    let held_out_set =
+        HeldOutSet::new(relighter.cloud(), relighter.view_region(), relighter.direct(), tests, number);
+    held_out_set.scores(relighter, tests)
 }
 
 /// Errors of `found` against `wanted`, `weights.len()` values a cell each of which counts for its weight; weights sum to 1.
@@ -273,11 +280,11 @@ fn compare_views(found: &[f32], wanted: &[f32], weights: &[f64]) -> RelitError {
 /// Stretches of given strokes, each moved by up to `shift` metres: unseen light where only the lamps around those strokes
 /// were baked. Points that are not `usable` are left out; a stretch keeps at least half of its own.
 pub fn shifted_strokes(
-    strokes: &[Vec<LampPoint>],
+    strokes: &[Vec<PointLight>],
     usable: impl Fn(DVec3) -> bool,
     shift: f64,
     numbers: Range<usize>,
-) -> Vec<Vec<LampPoint>> {
+) -> Vec<Vec<PointLight>> {
     /// Tries for each stretch before it is given up.
     const TRIES: u64 = 50;
     let mut found = Vec::new();
@@ -291,9 +298,9 @@ pub fn shifted_strokes(
             let length = ((whole.len() as f64 * random.range(0.3, 1.0)) as usize).max(1);
             let start = (random.unit() * (whole.len() - length) as f64) as usize;
             let by = random.direction() * (shift * random.unit());
-            let moved = |lamp: &LampPoint| LampPoint { position: lamp.position + by, ..*lamp };
+            let moved = |light: &PointLight| PointLight { position: light.position + by, ..*light };
             let stretch = whole[start..start + length].iter().map(moved);
-            let stretch: Vec<LampPoint> = stretch.filter(|lamp| usable(lamp.position)).collect();
+            let stretch: Vec<PointLight> = stretch.filter(|light| usable(light.position)).collect();
             if 2 * stretch.len() >= length {
                 found.push(stretch);
                 break;
@@ -322,7 +329,7 @@ pub fn test_strokes(
     usable: impl Fn(DVec3) -> bool,
     spacing: f64,
     numbers: Range<usize>,
-) -> Vec<Vec<LampPoint>> {
+) -> Vec<Vec<PointLight>> {
     /// Tries for each stroke before it is given up.
     const TRIES: u64 = 200;
     let densest = cloud.extinction.iter().fold(0.0f32, |most, &e| most.max(e));
@@ -364,9 +371,9 @@ pub fn test_strokes(
             if record.check().is_err() {
                 continue;
             }
-            let lamps = Stroke::grow(&record).lamps(spacing);
-            if lamps.iter().all(|lamp| usable(lamp.position)) {
-                strokes.push(lamps);
+            let lights = Stroke::grow(&record).lights(spacing);
+            if lights.iter().all(|light| usable(light.position)) {
+                strokes.push(lights);
                 break;
             }
         }
