@@ -12,12 +12,9 @@ pub mod depth;
 pub mod error;
 pub mod flash;
 pub mod frame;
-pub mod live;
 pub mod load;
-pub mod math;
 pub mod medium;
 pub mod noise;
-pub mod phase;
 pub mod picture;
 pub mod rain;
 pub mod random;
@@ -25,8 +22,11 @@ pub mod relight;
 pub mod shade;
 pub mod stroke;
 pub mod tone;
-pub mod transport;
 pub mod verify;
 
 pub use error::RuntimeError;
 pub use load::Asset;
+pub use squall_transport as transport;
+#[cfg(feature = "live")]
+pub use squall_transport::live;
+pub use squall_transport::{math, phase};

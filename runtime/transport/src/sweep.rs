@@ -14,11 +14,11 @@
 //! is conserved to round-off; and a source in cell i makes in cell j along Ω what one in j makes in i along −Ω, because
 //! every face crossed counts A_i s A_j from either side: the operator is reciprocal, which [`super::solve`] relies on.
 
-use super::cloud::{Boundary, Cloud};
-use super::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
-use super::quadrature::{Ordinate, Quadrature};
-use super::sweep_one::{Pair, SingleKernel, pairs};
-use crate::error::RuntimeError;
+use crate::cloud::{Boundary, Cloud};
+use crate::error::ArgumentError;
+use crate::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
+use crate::quadrature::{Ordinate, Quadrature};
+use crate::sweep_one::{Pair, SingleKernel, pairs};
 use fearless_simd::Simd;
 use squall_formats::GridShape;
 use squall_formats::section::response::SweepScheme;
@@ -47,7 +47,7 @@ struct Beam {
 
 /// A = (uσ + 2κs + ε) / (uσ + κs + ε), the face weights of all schemes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FaceWeights {
+pub(crate) struct FaceWeights {
     /// u.
     pub thickness: f32,
     /// κ.
@@ -92,10 +92,10 @@ pub struct Sweeper {
 
 /// Light on the faces between cells.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Faces<P> {
-    pub(super) x: Vec<P>,
-    pub(super) y: Vec<P>,
-    pub(super) z: Vec<P>,
+pub(crate) struct Faces<P> {
+    pub(crate) x: Vec<P>,
+    pub(crate) y: Vec<P>,
+    pub(crate) z: Vec<P>,
     inflow: Vec<P>,
 }
 
@@ -144,7 +144,7 @@ impl Sweeper {
         set: Quadrature,
         scheme: SweepScheme,
         level: SimdLevel,
-    ) -> Result<Self, RuntimeError> {
+    ) -> Result<Self, ArgumentError> {
         let mut groups = Vec::new();
         let ordinates = set.ordinates()?;
         for octant in 0..8 {

@@ -7,14 +7,14 @@
 //! | φ | fluence rate ∫ L dΩ | W/m² |
 //! | J | light scattered per unit of scattering coefficient ∫ p(ω·ω') L(ω') dω' | W/(m² sr) |
 
-use crate::error::RuntimeError;
-use crate::relight::PointLight;
-use crate::transport::Cloud;
-use crate::transport::cloud::CoarseIndex;
-use crate::transport::direct::{DirectField, Light, Tracer};
-use crate::transport::lanes::SimdLevel;
-use crate::transport::quadrature::Quadrature;
-use crate::transport::solve::{Iteration, SolveBuffers, SolveSettings, Solver};
+use crate::Cloud;
+use crate::cloud::CoarseIndex;
+use crate::direct::{DirectField, Light, Tracer};
+use crate::error::ArgumentError;
+use crate::lanes::SimdLevel;
+use crate::light::PointLight;
+use crate::quadrature::Quadrature;
+use crate::solve::{Iteration, SolveBuffers, SolveSettings, Solver};
 use glam::DVec3;
 use squall_formats::section::response::SolverRecord;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
@@ -75,7 +75,7 @@ pub struct LiveLight {
 }
 
 /// The direction set that a [`SolverRecord`] names. Errors: none has that name.
-pub fn quadrature_of(record: &SolverRecord) -> Result<Quadrature, RuntimeError> {
+pub fn quadrature_of(record: &SolverRecord) -> Result<Quadrature, ArgumentError> {
     let set = match record.directions {
         [0, 14] => Quadrature::Lebedev14,
         [0, 26] => Quadrature::Lebedev26,
@@ -89,7 +89,7 @@ impl LiveSolver {
     /// Prepares `cloud` for solving as `record` says that its rows were.
     ///
     /// Errors: a record that no solver can follow.
-    pub fn new(cloud: &Cloud, record: &SolverRecord) -> Result<Self, RuntimeError> {
+    pub fn new(cloud: &Cloud, record: &SolverRecord) -> Result<Self, ArgumentError> {
         let fine = cloud.refined(record.refine)?;
         let settings = SolveSettings {
             quadrature: quadrature_of(record)?,
@@ -161,7 +161,7 @@ impl LiveSolver {
         &self,
         direct: &DirectCells,
         watch: &mut dyn FnMut(f64) -> bool,
-    ) -> Result<LiveLight, RuntimeError> {
+    ) -> Result<LiveLight, ArgumentError> {
         let mut moments = Vec::new();
         let mut buffers = SolveBuffers::default();
         let report =
@@ -169,11 +169,7 @@ impl LiveSolver {
         let lane = report.lanes[0];
         if !lane.converged {
             let found = format!("{:e} after {} sweeps", lane.residual, report.sweeps);
-            return Err(RuntimeError::argument(
-                "live solve",
-                "the residual that the rows were solved to",
-                found,
-            ));
+            return Err(ArgumentError::new("live solve", "the residual that the rows were solved to", found));
         }
         let g = self.fine.g;
         let powers = [1.0, g, g * g, g * g * g];

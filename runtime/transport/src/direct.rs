@@ -6,30 +6,12 @@
 //! what the source gave. Rays aim at the faces by which light leaves the grid: a cell in between never sees fewer rays
 //! than the square of the samples on the face behind it, because it looks larger from the source than that face does.
 
-use super::cloud::{Boundary, Cloud};
+use crate::cloud::{Boundary, Cloud};
+pub use crate::light::Light;
 use crate::math::exp_neg;
 use crate::phase::PreparedHg;
 use glam::DVec3;
 use squall_formats::sphere::harmonics;
-
-/// A source of direct light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Light {
-    /// The same radiant intensity in every direction, from a point.
-    Point {
-        /// Where, m.
-        position: DVec3,
-        /// Radiant intensity, W/sr.
-        intensity: f64,
-    },
-    /// Parallel light that fills space.
-    Beam {
-        /// Unit direction of travel.
-        direction: DVec3,
-        /// Power through a unit of area across the beam, W/m².
-        irradiance: f64,
-    },
-}
 
 /// Optical depth after scaling beyond which a ray is given up: e^−30 is below single precision's reach of any sum.
 const DARK: f32 = 30.0;

@@ -15,12 +15,12 @@
 //! combination of the sweeps so far can give, and nothing that could divide by zero before it has converged. Every lane
 //! is an equation of its own and stops on its own, so that a light's bytes do not depend on its neighbours in the batch.
 
-use super::cloud::Cloud;
-use super::lanes::{F32x16, Kernel, Lanes, SimdLevel, run};
-use super::quadrature::Quadrature;
-use super::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
-use crate::error::RuntimeError;
+use crate::cloud::Cloud;
+use crate::error::ArgumentError;
+use crate::lanes::{F32x16, Kernel, Lanes, SimdLevel, run};
 use crate::phase::DeltaM;
+use crate::quadrature::Quadrature;
+use crate::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
 use fearless_simd::Simd;
 use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::degree_of;
@@ -159,9 +159,9 @@ impl<const M: usize> Solver<M> {
     /// Prepares `cloud`, whose cells are the solver's.
     ///
     /// Errors: settings outside their ranges.
-    pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, RuntimeError> {
+    pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, ArgumentError> {
         if settings.tolerance.is_nan() || settings.tolerance <= 0.0 {
-            return Err(RuntimeError::argument("solver tolerance", "above 0", settings.tolerance));
+            return Err(ArgumentError::new("solver tolerance", "above 0", settings.tolerance));
         }
         let scaled = if settings.delta {
             cloud.scaled(Self::DEGREE)

@@ -3,16 +3,16 @@
 //! All directions of an octant visit the cells in the same order, so they share a register; octants that mirror each
 //! other in x go along a row together, from both ends, so that while one waits for its cell the other works.
 
-use super::lanes::{Kernel, Lanes};
-use super::quadrature::Ordinate;
-use super::sweep::{CellCoefficients, FaceWeights, Faces, Leak};
+use crate::lanes::{Kernel, Lanes};
+use crate::quadrature::Ordinate;
+use crate::sweep::{CellCoefficients, FaceWeights, Faces, Leak};
 use fearless_simd::Simd;
 use squall_formats::GridShape;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 
 /// Two bundles of directions that are each other's mirror image in x.
 #[derive(Clone, Debug)]
-pub(super) struct Pair<D> {
+pub(crate) struct Pair<D> {
     /// Whether light travels towards larger y and z.
     forward: [bool; 2],
     /// Towards larger x, and towards smaller x.
@@ -49,7 +49,7 @@ impl<D: Lanes> Bundle<D> {
 }
 
 /// Sorts directions into pairs of bundles of at most `D::COUNT`.
-pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<Pair<D>> {
+pub(crate) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<Pair<D>> {
     let mut pairs = Vec::new();
     for (up_y, up_z) in [(true, true), (false, true), (true, false), (false, false)] {
         let belongs = |o: &&Ordinate| (o.direction[1] >= 0.0) == up_y && (o.direction[2] >= 0.0) == up_z;
@@ -75,7 +75,7 @@ pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<P
     pairs
 }
 
-pub(super) struct SingleKernel<'a, D, const M: usize, const O: usize> {
+pub(crate) struct SingleKernel<'a, D, const M: usize, const O: usize> {
     pub shape: GridShape,
     pub pairs: &'a [Pair<D>],
     pub weights: FaceWeights,
