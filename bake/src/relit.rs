@@ -22,10 +22,10 @@ use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere::{self, MAX_HARMONICS};
 use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
-use squall_runtime::flash::{self, DirectSettings};
 use squall_runtime::live::{DirectCells, LiveLight, LiveSolver};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter, Relit};
 use squall_runtime::shade::cloud::{LitCloud, corners, direction_to};
+use squall_runtime::single_scatter::{self, DirectSettings};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 use std::time::Instant;
@@ -260,7 +260,7 @@ fn towards_viewer(relighter: &Relighter<'_>, lights: &[PointLight], camera: &Cam
     let rays_per_point = (CELL_RAYS / lights.len().max(1)).clamp(fewest, most) as u32;
     let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
     let mut j = vec![0.0; cloud.shape.len()];
-    flash::add_direct(cloud, relighter.extinction_scale(), lights, &view_region, settings, &mut j);
+    single_scatter::add_direct(cloud, relighter.extinction_scale(), lights, &view_region, settings, &mut j);
     j
 }
 

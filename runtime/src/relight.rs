@@ -116,7 +116,7 @@ impl<'a> Relighter<'a> {
         self.response.head.direct
     }
 
-    /// Extinction after delta scaling over extinction before: what [`crate::flash::add_direct`] needs to know.
+    /// Extinction after delta scaling over extinction before: what [`crate::single_scatter::add_direct`] needs to know.
     pub fn extinction_scale(&self) -> f64 {
         self.response.head.solver.extinction_scale
     }

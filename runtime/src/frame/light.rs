@@ -3,12 +3,12 @@
 use super::{Flash, FrameMemory, FrameReport};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
-use crate::flash::{DirectSettings, add_direct};
 use crate::relight::{PointLight, RelightOptions, Relighter, Relit};
 use crate::shade::cloud::direction_to;
 use crate::shade::cloud::march::MarchedCloud;
 use crate::shade::sky::Sky;
 use crate::shade::town::light::GlowLight;
+use crate::single_scatter::{DirectSettings, add_direct};
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::section::response::{DirectTerm, DistantKind};

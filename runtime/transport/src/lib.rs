@@ -16,6 +16,7 @@ pub mod light;
 #[cfg(feature = "sweeps")]
 pub mod live;
 pub mod math;
+pub mod parallel;
 pub mod phase;
 #[cfg(feature = "sweeps")]
 pub mod quadrature;
