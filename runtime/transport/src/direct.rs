@@ -6,12 +6,15 @@
 //! what the source gave. Rays aim at the faces by which light leaves the grid: a cell in between never sees fewer rays
 //! than the square of the samples on the face behind it, because it looks larger from the source than that face does.
 
+mod field;
+mod rays;
+
 use crate::cloud::{Boundary, Cloud};
 pub use crate::light::Light;
 use crate::math::exp_neg;
-use crate::phase::PreparedHg;
+pub use field::DirectField;
 use glam::DVec3;
-use squall_formats::sphere::harmonics;
+pub use rays::fibonacci;
 
 /// Optical depth after scaling beyond which a ray is given up: e^−30 is below single precision's reach of any sum.
 const DARK: f32 = 30.0;
@@ -188,93 +191,6 @@ impl<'a> Tracer<'a> {
             }
         }
     }
-
-    /// Calls `emit` for rays that together carry all of `light` that meets the grid, `samples`² through every cell face
-    /// by which light can leave.
-    pub fn rays(&self, light: Light, samples: u32, mut emit: impl FnMut(PowerRay)) {
-        let cloud = self.cloud;
-        let counts = cloud.shape.to_array();
-        let periodic = cloud.boundary == Boundary::PeriodicXy;
-        if let (true, Light::Point { position, intensity }) = (periodic, light) {
-            // Seen from inside a grid without sides, there is no last face: even shares of the sphere instead.
-            let count = (counts[0] * counts[1]).max(1024) * (samples * samples) as usize * 4;
-            let power = intensity * 4.0 * std::f64::consts::PI / count as f64;
-            for i in 0..count {
-                emit(PowerRay { origin: position, direction: fibonacci(i, count), power });
-            }
-            return;
-        }
-        let pieces = samples as usize;
-        for axis in if periodic { 2 } else { 0 }..3 {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let step = [cloud.cell_m[u] / f64::from(samples), cloud.cell_m[v] / f64::from(samples)];
-            let (rows, columns) = (counts[v] * pieces, counts[u] * pieces);
-            for side in [-1.0, 1.0] {
-                let plane = if side < 0.0 { cloud.origin_m[axis] } else { self.far[axis] };
-                match light {
-                    Light::Point { position, intensity } => {
-                        // Light leaves by a face only if the source lies on its inner side.
-                        let distance = (plane - position[axis]) * side;
-                        if distance <= 0.0 {
-                            continue;
-                        }
-                        // The light's coordinates within the plane are the origin.
-                        let edge = |axis: usize, i: usize, step: f64| {
-                            cloud.origin_m[axis] + i as f64 * step - position[axis]
-                        };
-                        let corner = |i, j| corner(edge(u, i, step[0]), edge(v, j, step[1]), distance);
-                        let mut below: Vec<f64> = (0..=columns).map(|i| corner(i, 0)).collect();
-                        for j in 0..rows {
-                            let above: Vec<f64> = (0..=columns).map(|i| corner(i, j + 1)).collect();
-                            for i in 0..columns {
-                                let solid_angle = above[i + 1] - above[i] - below[i + 1] + below[i];
-                                let window = Window {
-                                    u: [edge(u, i, step[0]), edge(u, i + 1, step[0])],
-                                    v: [edge(v, j, step[1]), edge(v, j + 1, step[1])],
-                                    distance,
-                                };
-                                window.split(solid_angle, 0, &mut |window, solid_angle| {
-                                    let mut direction = DVec3::ZERO;
-                                    direction[axis] = distance * side;
-                                    direction[u] = 0.5 * (window.u[0] + window.u[1]);
-                                    direction[v] = 0.5 * (window.v[0] + window.v[1]);
-                                    emit(PowerRay {
-                                        origin: position,
-                                        direction: direction.normalize(),
-                                        power: intensity * solid_angle,
-                                    });
-                                });
-                            }
-                            below = above;
-                        }
-                    }
-                    Light::Beam { direction, irradiance } => {
-                        let through = direction[axis] * side;
-                        if through <= 0.0 {
-                            continue;
-                        }
-                        let power = irradiance * through * step[0] * step[1];
-                        for j in 0..rows {
-                            for i in 0..columns {
-                                let mut target = DVec3::ZERO;
-                                target[axis] = plane;
-                                target[u] = cloud.origin_m[u] + (i as f64 + 0.5) * step[0];
-                                target[v] = cloud.origin_m[v] + (j as f64 + 0.5) * step[1];
-                                // Back along the beam to before the grid.
-                                let height = (self.far - cloud.origin_m).length();
-                                let back = if periodic {
-                                    (self.far.z - cloud.origin_m.z) / direction.z.abs()
-                                } else {
-                                    2.0 * height
-                                };
-                                emit(PowerRay { origin: target - direction * back, direction, power });
-                            }
-                        }
-                    }
-                }
-            }
-        }
-    }
 }
 
 /// ∫ e^{−τ} ds along a chord of optical depth `depth` on which a share `share` of the light arrives, and the share that leaves.
@@ -288,133 +204,5 @@ fn chord(share: f32, depth: f32, extinction: f32, length: f32) -> (f32, f32) {
         let mean = 1.0 - depth * (0.5 - depth * (1.0 / 6.0 - depth / 24.0));
         let left = 1.0 - depth * (1.0 - depth * (0.5 - depth / 6.0));
         (share * length * mean, share * left)
-    }
-}
-
-/// A rectangle in a plane `distance` from a source, with the source's foot as origin.
-#[derive(Clone, Copy)]
-struct Window {
-    u: [f64; 2],
-    v: [f64; 2],
-    distance: f64,
-}
-
-/// Largest share of the sphere that one ray stands for, sr: a face right beside the source fills half the sphere, and a ray
-/// through its middle would graze it.
-const WIDEST: f64 = 0.02;
-/// Halvings of a face at most.
-const DEEPEST: u32 = 24;
-
-/// Solid angle of the rectangle between the foot and corner (a, b).
-fn corner(a: f64, b: f64, distance: f64) -> f64 {
-    libm::atan(a * b / (distance * (a * a + b * b + distance * distance).sqrt()))
-}
-
-impl Window {
-    fn solid_angle(&self) -> f64 {
-        let corner = |i: usize, j: usize| corner(self.u[i], self.v[j], self.distance);
-        corner(1, 1) - corner(0, 1) - corner(1, 0) + corner(0, 0)
-    }
-
-    /// Calls `emit` for parts of the window none of which looks wide from the source.
-    fn split(self, solid_angle: f64, depth: u32, emit: &mut impl FnMut(Window, f64)) {
-        if solid_angle <= WIDEST || depth == DEEPEST {
-            if solid_angle > 0.0 {
-                emit(self, solid_angle);
-            }
-            return;
-        }
-        let halves = |range: [f64; 2]| {
-            let middle = 0.5 * (range[0] + range[1]);
-            [[range[0], middle], [middle, range[1]]]
-        };
-        for v in halves(self.v) {
-            for u in halves(self.u) {
-                let part = Window { u, v, ..self };
-                part.split(part.solid_angle(), depth + 1, emit);
-            }
-        }
-    }
-}
-
-/// Point `index` of `count` on a golden-angle spiral: nearly even shares of the sphere.
-pub fn fibonacci(index: usize, count: usize) -> DVec3 {
-    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-    let z = 1.0 - (2.0 * index as f64 + 1.0) / count as f64;
-    let (sin, cos) = libm::sincos(GOLDEN_ANGLE * index as f64);
-    let rho = (1.0 - z * z).max(0.0).sqrt();
-    DVec3::new(rho * cos, rho * sin, z)
-}
-
-/// Cell sums of direct light: fluence, moments and light scattered towards given directions.
-///
-/// Values are ∫ … ds summed over rays, W·m; over the cell's volume they are means.
-#[derive(Clone, Debug)]
-pub struct DirectField<const M: usize> {
-    /// Never scattered fluence rate times volume, W·m per cell.
-    pub fluence: Vec<f32>,
-    /// Harmonic moments ∫ Y_m L dΩ of light unscattered in the scaled medium, times volume, W·m.
-    pub moments: Vec<[f32; M]>,
-    /// Light scattered once towards each of the given directions, times volume: ∫ p L dΩ, W·m/sr, directions innermost.
-    pub towards: Vec<f32>,
-    directions: Vec<[f32; 3]>,
-    phase: [PreparedHg; 2],
-    basis: [f32; M],
-    values: [Vec<f32>; 2],
-}
-
-impl<const M: usize> DirectField<M> {
-    /// An empty field for `cloud`, which also collects light scattered towards `directions`: by the cloud's phase
-    /// function where it was never scattered before, and by its convolution with itself (asymmetry g²) where the scaled
-    /// medium only counts it as unscattered.
-    pub fn new(cloud: &Cloud, directions: &[DVec3]) -> Self {
-        let cells = cloud.shape.len();
-        Self {
-            fluence: vec![0.0; cells],
-            moments: vec![[0.0; M]; cells],
-            towards: vec![0.0; cells * directions.len()],
-            directions: directions.iter().map(|d| d.as_vec3().to_array()).collect(),
-            phase: [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)],
-            basis: [0.0; M],
-            values: [vec![0.0; directions.len()], vec![0.0; directions.len()]],
-        }
-    }
-
-    /// Sets all sums to zero.
-    pub fn clear(&mut self) {
-        self.fluence.fill(0.0);
-        self.moments.fill([0.0; M]);
-        self.towards.fill(0.0);
-    }
-}
-
-impl<const M: usize> Tally for DirectField<M> {
-    #[inline]
-    fn start(&mut self, direction: DVec3) {
-        let all = harmonics(direction.to_array());
-        self.basis = std::array::from_fn(|m| all[m] as f32);
-        let d = direction.as_vec3();
-        for (k, to) in self.directions.iter().enumerate() {
-            let cos = d.x * to[0] + d.y * to[1] + d.z * to[2];
-            self.values[0][k] = self.phase[0].value(cos);
-            self.values[1][k] = self.phase[1].value(cos);
-        }
-    }
-
-    #[inline(always)]
-    fn chord(&mut self, cell: usize, unscattered: f32, scaled: f32) {
-        self.fluence[cell] += unscattered;
-        let moments = &mut self.moments[cell];
-        for m in 0..M {
-            moments[m] += scaled * self.basis[m];
-        }
-        let count = self.directions.len();
-        if count > 0 {
-            let forward = scaled - unscattered;
-            let row = &mut self.towards[cell * count..(cell + 1) * count];
-            for ((to, narrow), wide) in row.iter_mut().zip(&self.values[0]).zip(&self.values[1]) {
-                *to += narrow * unscattered + wide * forward;
-            }
-        }
     }
 }
