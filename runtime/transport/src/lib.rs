@@ -24,8 +24,6 @@ pub mod quadrature;
 pub mod solve;
 #[cfg(feature = "sweeps")]
 pub mod sweep;
-#[cfg(feature = "sweeps")]
-mod sweep_one;
 
 pub use cloud::{Boundary, Cloud};
 pub use error::ArgumentError;

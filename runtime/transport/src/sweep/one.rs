@@ -3,9 +3,9 @@
 //! All directions of an octant visit the cells in the same order, so they share a register; octants that mirror each
 //! other in x go along a row together, from both ends, so that while one waits for its cell the other works.
 
+use super::faces::{CellCoefficients, FaceWeights, Faces, Leak};
 use crate::lanes::{Kernel, Lanes};
 use crate::quadrature::Ordinate;
-use crate::sweep::{CellCoefficients, FaceWeights, Faces, Leak};
 use fearless_simd::Simd;
 use squall_formats::GridShape;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
