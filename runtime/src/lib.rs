@@ -11,6 +11,7 @@ pub mod density;
 pub mod depth;
 pub mod error;
 pub mod frame;
+pub mod in_scattered;
 pub mod load;
 pub mod medium;
 pub mod noise;
