@@ -2,6 +2,7 @@
 
 use squall_formats::ReadError;
 use squall_runtime::RuntimeError;
+use squall_runtime::transport::ArgumentError;
 use std::path::{Path, PathBuf};
 
 /// Why a bake, a solve or a picture did not come about.
@@ -68,6 +69,12 @@ pub fn io_exit_code(error: &std::io::Error) -> u8 {
     match error.kind() {
         std::io::ErrorKind::NotFound | std::io::ErrorKind::IsADirectory => 3,
         _ => 4,
+    }
+}
+
+impl From<ArgumentError> for BakeError {
+    fn from(error: ArgumentError) -> Self {
+        Self::Asset(error.into())
     }
 }
 

@@ -33,6 +33,7 @@ mod window;
 use crate::camera::{Camera, Projection};
 use crate::density::check_view;
 use crate::error::RuntimeError;
+use crate::parallel::prelude::*;
 use glam::DVec3;
 use search::{Frame, Search};
 use squall_formats::drops::View;
@@ -223,13 +224,7 @@ impl Rain {
                 search.scan_layer(&frame, layer, &mut task.found);
             }
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            tasks.par_iter_mut().for_each(run);
-        }
-        #[cfg(not(feature = "rayon"))]
-        tasks.iter_mut().for_each(run);
+        tasks.par_iter_mut().for_each(run);
         for task in tasks.iter() {
             streaks.extend_from_slice(&task.found);
         }

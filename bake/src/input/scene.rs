@@ -236,8 +236,8 @@ pub fn beside(file: &Path, named: &Path) -> PathBuf {
 }
 
 /// Puts a file's name in front of a refused argument that came from it.
-fn named(path: &Path, error: squall_runtime::RuntimeError) -> BakeError {
-    match error {
+fn named(path: &Path, error: impl Into<squall_runtime::RuntimeError>) -> BakeError {
+    match error.into() {
         squall_runtime::RuntimeError::Argument { field, wanted, found } => {
             BakeError::input(path, field, wanted, found)
         }
