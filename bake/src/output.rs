@@ -21,10 +21,7 @@ pub type Out<'a> = BufWriter<Limited<'a>>;
 /// as it is. A file that is replaced hands down its mode, and its owner and group where this process may set them.
 ///
 /// Errors: a folder in the way, links in a circle (exit code 3), what the system refuses (4).
-pub fn write_atomically(
-    path: &Path,
-    fill: impl FnOnce(&mut Out) -> io::Result<()>,
-) -> Result<(), BakeError> {
+pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut Out) -> io::Result<()>) -> Result<(), BakeError> {
     let io = || BakeError::io(path, "write");
     match Place::of_name(path)? {
         Place::File(target) => {
@@ -191,7 +188,10 @@ pub struct Limited<'a> {
 impl Write for Limited<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if bytes.len() as u64 > self.left {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "File too large for this process's limit"));
+            return Err(io::Error::new(
+                io::ErrorKind::FileTooLarge,
+                "File too large for this process's limit",
+            ));
         }
         let written = self.file.write(bytes)?;
         self.left -= written as u64;

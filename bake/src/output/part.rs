@@ -94,7 +94,7 @@ fn take_after(file: &File, old: &Metadata) -> io::Result<()> {
     }
     if group.is_some() && fchown(file, None, group).is_err() {
         // What the old group might do is nothing that the new one may do, unless everyone may.
-        mode = mode & 0o5707 | mode & (mode & 0o7) << 3;
+        mode = (mode & 0o5707) | (mode & ((mode & 0o7) << 3));
     }
     file.set_permissions(std::fs::Permissions::from_mode(mode))
 }

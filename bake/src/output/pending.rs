@@ -13,8 +13,7 @@ struct Pending {
     note: Option<String>,
 }
 
-static PENDING: Mutex<Pending> =
-    Mutex::new(Pending { files: Vec::new(), folders: Vec::new(), note: None });
+static PENDING: Mutex<Pending> = Mutex::new(Pending { files: Vec::new(), folders: Vec::new(), note: None });
 
 /// A thread that makes or renames a file holds the lock for so long at most, unless the disk hangs.
 const PATIENCE: Duration = Duration::from_millis(200);

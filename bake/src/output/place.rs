@@ -1,6 +1,7 @@
 //! Where an output goes: standard output, a device or pipe, or a file; and whether it can, asked before the work.
 
 use super::part::{Part, sweep};
+use super::pour;
 use crate::error::BakeError;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -83,7 +84,7 @@ fn check_file(target: &Path) -> io::Result<()> {
         replaceable(target)?;
     }
     let mut part = Part::make(folder, old.as_ref())?;
-    part.file().write_all(b"?")
+    pour(part.file(), |out| out.write_all(b"?"))
 }
 
 /// Whether the file may be renamed over. Asked by removing it as a folder: the system first checks whether this process may take the
@@ -99,7 +100,10 @@ fn replaceable(file: &Path) -> io::Result<()> {
 /// Whether results called `names` can be put into `folder`, which takes new files: whether files that stand there may be replaced.
 ///
 /// Errors: as [`Place::check`].
-pub fn check_replaceable<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Result<(), BakeError> {
+pub fn check_replaceable<'a>(
+    folder: &Path,
+    names: impl IntoIterator<Item = &'a str>,
+) -> Result<(), BakeError> {
     for name in names {
         let path = folder.join(name);
         if let Place::File(target) = Place::of_name(&path)?
