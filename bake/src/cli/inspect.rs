@@ -29,7 +29,7 @@ pub struct Args {
 
 /// Only the heads of sections are read, so that the time taken does not depend on the asset's size.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let asset = Asset::open_directory(&args.asset)?;
+    let asset = super::asset::open_directory(&args.asset)?;
     let provenance = match asset.directory().find(ProvenanceSection::TAG) {
         Some(_) => Some(asset.section(ProvenanceSection::TAG, "provenance", ProvenanceSection::read)?),
         None => None,

@@ -6,7 +6,6 @@ use squall_bake::density::solve_counts;
 use squall_formats::drops::View;
 use squall_formats::section::density::Mode;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
-use squall_runtime::Asset;
 use squall_runtime::density::{lookup_counts, read_density};
 use std::path::PathBuf;
 
@@ -68,7 +67,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 fn run_density(path: &std::path::Path, args: &Density) -> Result<()> {
-    let asset = Asset::open_directory(path)?;
+    let asset = super::asset::open_directory(path)?;
     let section = read_density(&asset)?;
     let rate = MillimetresPerHour(args.rate);
     let view = View {

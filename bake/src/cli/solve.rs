@@ -1,11 +1,12 @@
 //! `squall solve SCENE.json --lamp NAME -o DIR [--method sweep|monte-carlo …]`
 
+use super::common::Common;
 use super::folder::OutputFolder;
 use super::progress::Bars;
 use anyhow::Result;
 use serde_json::{Value, json};
 use squall_bake::cloud::{TruthSettings, solve_light};
-use squall_bake::fields::{Fields, orthographic};
+use squall_bake::fields::{Estimate, Fields, orthographic};
 use squall_bake::input::scene::{Optics, Scene, read_scene};
 use squall_bake::monte_carlo::{ChanceSettings, PHOTONS, solve_by_chance};
 use squall_bake::output::write_atomically;
@@ -50,6 +51,8 @@ pub struct Args {
     /// monte-carlo: seed of the random numbers; 1 if left out.
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
+    #[command(flatten)]
+    common: Common,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -93,7 +96,8 @@ pub fn run(args: Args) -> Result<()> {
     let scene = read_scene(&args.scene, Optics::default())?;
     let light = scene.light(&args.lamp)?;
     let mut folder = OutputFolder::prepare(&args.out)?;
-    let bars = Bars::new()?;
+    folder.expect(file_names(&args, &scene).iter().map(String::as_str).chain(["solve.json"]))?;
+    let bars = args.common.start()?;
     let (fields, report, lines) = match args.method {
         Method::Sweep => sweep(&args, &scene, light, &bars)?,
         Method::MonteCarlo => monte_carlo(&args, &scene, light, &bars)?,
@@ -101,26 +105,35 @@ pub fn run(args: Args) -> Result<()> {
     bars.finish();
     bars.check()?;
     let seconds = start.elapsed().as_secs_f64();
-    folder.expect(fields.file_names().iter().map(String::as_str).chain(["solve.json"]));
-    let mut files = fields.write(folder.path())?;
-    let mut summary = json!({
-        "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-        "scene": args.scene,
-        "lamp": args.lamp,
-        "dims_xyz": scene.cloud.shape.to_array(),
-        "seconds": seconds,
-        "files": files,
-    });
-    for (key, value) in report.as_object().into_iter().flatten() {
-        summary[key] = value.clone();
-    }
-    let text = serde_json::to_string_pretty(&summary)? + "\n";
-    write_atomically(&folder.path().join("solve.json"), |out| out.write_all(text.as_bytes()))?;
-    files.push("solve.json".into());
-    say!("{lines}; {seconds:.1} s");
-    say!("{}: {}", args.out.display(), files.join(" "));
-    folder.keep();
+    let files = folder.write(|folder| {
+        let mut files = fields.write(folder)?;
+        let mut summary = json!({
+            "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
+            "scene": args.scene,
+            "lamp": args.lamp,
+            "dims_xyz": scene.cloud.shape.to_array(),
+            "seconds": seconds,
+            "files": files,
+        });
+        for (key, value) in report.as_object().into_iter().flatten() {
+            summary[key] = value.clone();
+        }
+        let text = serde_json::to_string_pretty(&summary)? + "\n";
+        write_atomically(&folder.join("solve.json"), |out| out.write_all(text.as_bytes()))?;
+        files.push("solve.json".into());
+        Ok(files)
+    })?;
+    bars.say(&format!("{lines}; {seconds:.1} s\n{}: {}", args.out.display(), files.join(" ")));
     Ok(())
+}
+
+/// Names of the fields and pictures that a solve will write.
+fn file_names(args: &Args, scene: &Scene) -> Vec<String> {
+    let error = (args.method == Method::MonteCarlo).then(Vec::new);
+    let one = Estimate { mean: Vec::new(), error };
+    let towards = orthographic(&scene.cameras).map(|(name, _)| (name.clone(), one.clone())).collect();
+    let images = scene.cameras.iter().map(|(name, _)| (name.clone(), 0, one.clone())).collect();
+    Fields { phi_scattered: one.clone(), phi_direct: one.clone(), towards, seen: None, images }.file_names()
 }
 
 fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Fields, Value, String)> {
