@@ -1,12 +1,12 @@
 //! `squall bake RECIPE -o ASSET`
-use super::common::Common;
+use super::common::{Common, Memory};
 use super::folder;
 use super::picture::PictureFile;
 use super::table;
 use squall_bake::BakeError;
 use squall_bake::output::Output;
 use squall_bake::progress::Progress;
-use squall_bake::{recipe::Recipe, storm};
+use squall_bake::{memory, recipe::Recipe, storm};
 use squall_formats::container;
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
@@ -25,6 +25,8 @@ pub struct Args {
     #[arg(long)]
     preview: Option<PathBuf>,
     #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
     common: Common,
 }
 
@@ -40,6 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let out = Output::prepare(&args.out)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     let bars = args.common.start()?;
+    memory::require_bake(&recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
     let baked = storm::bake(&recipe, &bars)?;
     bars.check()?;
     let bytes = Cell::new(0);
