@@ -12,6 +12,7 @@ pub mod error;
 pub mod eyes;
 pub mod grid;
 pub mod haar;
+pub mod magic;
 pub mod meta;
 pub mod section;
 pub mod sphere;

@@ -40,6 +40,24 @@ impl Bytes {
     }
 }
 
+/// Most bytes of an asset that comes out of a pipe or a device, or is read for want of a map (4 GiB).
+const MOST_STREAMED: u64 = 4 << 30;
+
+/// Reads a file that is not mapped: its start alone where that is no asset's, so that a device without end is refused at
+/// once, and never more than [`MOST_STREAMED`].
+fn read_stream(mut file: std::fs::File) -> std::io::Result<Vec<u8>> {
+    use std::io::Read;
+    let mut bytes = Vec::new();
+    file.by_ref().take(squall_formats::magic::LOOKED_AT as u64).read_to_end(&mut bytes)?;
+    if bytes.starts_with(&squall_formats::container::MAGIC) {
+        file.take(MOST_STREAMED).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > MOST_STREAMED {
+            return Err(std::io::Error::other("more than 4 GiB without an end"));
+        }
+    }
+    Ok(bytes)
+}
+
 /// An open `.squall` asset.
 ///
 /// Opening checks the header, the section table and the head of every section; bulk coefficients are
@@ -74,11 +92,11 @@ impl Asset {
             if metadata.is_file() && metadata.len() > 0 {
                 Bytes::Mapped(crate::audited::map_file(&file).map_err(io)?)
             } else {
-                Bytes::copy(&std::fs::read(path).map_err(io)?)
+                Bytes::copy(&read_stream(file).map_err(io)?)
             }
         };
         #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
-        let bytes = Bytes::copy(&std::fs::read(path).map_err(io)?);
+        let bytes = Bytes::copy(&std::fs::File::open(path).and_then(read_stream).map_err(io)?);
         Self::new(bytes, path.to_owned())
     }
 
