@@ -233,21 +233,21 @@ fn check_spec(spec: &DensitySpec) -> Result<(), BakeError> {
         Err(RuntimeError::argument(field, wanted, format!("{low} to {high}")))
     };
     let ranges = &spec.ranges;
-    within("density.rate", ranges.rate.map(|r| r.0), RATE_LIMITS, "mm/h")?;
-    within("density.fov", ranges.vertical_fov.map(|v| v.0), [1.0, 179.0], "degrees")?;
-    within("density.exposure", ranges.exposure.map(|t| t.0), [1e-6, 1.0], "s")?;
-    within("density.length", ranges.length_px, [1.0, 1e4], "px")?;
-    within("density.diameter", spec.diameter.map(|d| d.0), DIAMETER_LIMITS, "mm")?;
+    within("rain.density.rate_mm_per_h", ranges.rate.map(|r| r.0), RATE_LIMITS, "mm/h")?;
+    within("rain.density.vertical_fov_deg", ranges.vertical_fov.map(|v| v.0), [1.0, 179.0], "degrees")?;
+    within("rain.density.exposure_ms", ranges.exposure.map(|t| t.0 * 1000.0), [1e-3, 1000.0], "ms")?;
+    within("rain.density.streak_px", ranges.length_px, [1.0, 1e4], "px")?;
+    within("rain.density.diameter_mm", spec.diameter.map(|d| d.0), DIAMETER_LIMITS, "mm")?;
     if !(1..=MOST_CLASSES).contains(&spec.classes) {
-        return Err(RuntimeError::argument("density.classes", "1 to 64", spec.classes).into());
+        return Err(RuntimeError::argument("rain.density.classes", "1 to 64", spec.classes).into());
     }
     if let Some(found) = spec.class_error.filter(|error| !(1e-3..=0.5).contains(error)) {
-        return Err(RuntimeError::argument("density.class_error", "0.001 to 0.5", found).into());
+        return Err(RuntimeError::argument("rain.density.class_error", "0.001 to 0.5", found).into());
     }
     // Below, round-off of quadrature and logarithms takes over.
     if !(1e-9..1.0).contains(&spec.relative_error) {
         let found = spec.relative_error;
-        return Err(RuntimeError::argument("density.relative_error", "1e-9 to 1", found).into());
+        return Err(RuntimeError::argument("rain.density.error", "1e-9 to 1", found).into());
     }
     Ok(())
 }
@@ -475,12 +475,12 @@ mod tests {
         assert!(bake_density(&spec).unwrap_err().to_string().contains("relative_error"));
         let mut spec = DensitySpec::default();
         spec.ranges.rate[0].0 = 300.0;
-        assert!(bake_density(&spec).unwrap_err().to_string().contains("density.rate"));
+        assert!(bake_density(&spec).unwrap_err().to_string().contains("rain.density.rate_mm_per_h"));
         let spec = DensitySpec { classes: 0, ..Default::default() };
         assert!(bake_density(&spec).is_err());
         for class_error in [0.0, 0.6, f64::NAN].map(Some) {
             let spec = DensitySpec { class_error, ..Default::default() };
-            assert!(bake_density(&spec).unwrap_err().to_string().contains("density.class_error"));
+            assert!(bake_density(&spec).unwrap_err().to_string().contains("rain.density.class_error"));
         }
         let classes = classes_of(&DensitySpec::default(), Mode::Default);
         let nan = MillimetresPerHour(f64::NAN);

@@ -7,7 +7,7 @@ use crate::error::BakeError;
 use crate::input::scene::read_scene;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::BATCH;
-use crate::storm::clouds::place_lamps;
+use crate::storm::clouds::place_lights;
 use squall_formats::section::response::DirectTerm;
 use squall_formats::sphere::MAX_HARMONICS;
 use squall_runtime::transport::Cloud;
@@ -130,8 +130,8 @@ pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Optio
 }
 
 fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeError> {
-    if clouds.lamps.spacing_m > 0.0 {
-        return Ok(place_lamps(recipe, clouds, cloud, clouds.lamps.spacing_m)?.wanted_count() as u64);
+    if clouds.lights.spacing_m > 0.0 {
+        return Ok(place_lights(recipe, clouds, cloud, clouds.lights.spacing_m)?.wanted_count() as u64);
     }
     // As many as a spacing of a twelfth of the longest side makes of a cube.
     Ok(13u64.pow(3))

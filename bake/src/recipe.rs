@@ -12,7 +12,7 @@ use crate::budget::clouds::{CloudBudget, Given};
 use crate::density::DensitySpec;
 use crate::error::BakeError;
 use crate::input::read_text;
-use crate::input::scene::{Optics, read_scene};
+use crate::input::scene::{Optics, scene_files};
 use crate::response::ResponseSettings;
 use crate::streak::FitSettings;
 pub use clouds::parse_directions;
@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 pub struct Recipe {
     /// The recipe's own file.
     pub file: PathBuf,
-    /// Its text, hashed into the asset's provenance.
+    /// Its text as it was read, hashed into the asset's provenance.
     pub text: String,
     /// A cloud lit by lightning.
     pub clouds: Option<Clouds>,
@@ -84,6 +84,8 @@ pub struct Lamps {
 pub struct Rain {
     /// Pictures of streaks, in order.
     pub pictures: Vec<PathBuf>,
+    /// Layer of the pictures, which are then all OpenEXR.
+    pub layer: Option<String>,
     /// How to fit them.
     pub fit: FitSettings,
     /// PSNR that every pattern is to have, dB; method and number of cosines are then chosen picture by
@@ -104,15 +106,14 @@ impl Recipe {
         let mut files: Vec<PathBuf> =
             std::iter::once(&self.file).chain(&self.town).chain(pictures).cloned().collect();
         if let Some(clouds) = &self.clouds {
-            files.push(clouds.scene.clone());
-            files.extend(read_scene(&clouds.scene, clouds.optics)?.inputs);
+            files.extend(scene_files(&clouds.scene)?);
         }
         Ok(files)
     }
 
     /// Reads and checks a recipe.
     pub fn read(path: &Path) -> Result<Self, BakeError> {
-        let text = read_text(path)?;
+        let text = read_text(path, "a recipe (TOML)")?;
         file::read(path, text)
     }
 }
@@ -122,5 +123,5 @@ impl Recipe {
 ///
 /// Errors: as for a recipe.
 pub fn read_view(path: &Path, strokes: &[String]) -> Result<ViewSection, BakeError> {
-    file::read_view(path, &read_text(path)?, strokes)
+    file::read_view(path, &read_text(path, "a view (TOML)")?, strokes)
 }

@@ -5,8 +5,10 @@ pub(crate) mod clouds;
 use crate::budget::streaks::{METHODS, choose_pattern, stored_bytes};
 use crate::density::{bake_chosen, error_at_nodes};
 use crate::error::BakeError;
-use crate::input::picture::read_grey;
-use crate::input::town::read_town;
+use crate::input::Fingerprint;
+use crate::input::json::read_text_input;
+use crate::input::picture::{Grey, grey_of, picture_file};
+use crate::input::town::town_of;
 use crate::progress::Progress;
 use crate::recipe::{Rain, Recipe};
 use crate::streak;
@@ -16,6 +18,7 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::provenance::{BudgetRecord, InputRecord, ProvenanceSection};
 use squall_formats::section::streak::{Method, StreakPattern, StreakSection};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// One line of the closing table.
@@ -66,8 +69,9 @@ pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError
     }
     if let Some(path) = &recipe.town {
         let start = Stage(Instant::now());
-        let town = read_town(path)?;
-        record(recipe, path, &mut provenance)?;
+        let input = read_text_input(path)?;
+        let town = town_of(&input)?;
+        record(recipe, &input.fingerprint(), &mut provenance);
         let made = format!("{} blocks, {} lamps", town.blocks.len(), town.lamps.len());
         let section = town.write();
         stages.push(start.done("town", made, section.length(), "as given".into()));
@@ -86,14 +90,11 @@ pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError
     Ok(Baked { sections, stages })
 }
 
-/// Records a file's length and hash under the name that the recipe gives it.
-fn record(recipe: &Recipe, path: &Path, provenance: &mut ProvenanceSection) -> Result<(), BakeError> {
-    let bytes = std::fs::read(path).map_err(BakeError::io(path, "read"))?;
+/// Records a file, as it was when it was read, under the name that the recipe gives it.
+fn record(recipe: &Recipe, input: &Fingerprint, provenance: &mut ProvenanceSection) {
     let folder = recipe.file.parent().unwrap_or(Path::new(""));
-    let name = path.strip_prefix(folder).unwrap_or(path).display().to_string();
-    let hash = *blake3::hash(&bytes).as_bytes();
-    provenance.inputs.push(InputRecord { name, bytes: bytes.len() as u64, hash });
-    Ok(())
+    let name = input.path.strip_prefix(folder).unwrap_or(&input.path).display().to_string();
+    provenance.inputs.push(InputRecord { name, bytes: input.bytes, hash: input.hash });
 }
 
 fn bake_rain(
@@ -107,10 +108,11 @@ fn bake_rain(
     if !rain.pictures.is_empty() {
         let start = Stage(Instant::now());
         progress.begin("streaks", rain.pictures.len() as u64);
-        let (patterns, next_cheaper) = fit_streaks(rain, progress)?;
-        for path in &rain.pictures {
-            record(recipe, path, provenance)?;
+        let Fitted { patterns, next_cheaper, worst, inputs } = fit_streaks(rain, progress)?;
+        for input in &inputs {
+            record(recipe, input, provenance);
         }
+        let worst_picture = worst;
         let worst = patterns.iter().map(|p| p.psnr_db).fold(f64::INFINITY, f64::min);
         let mean = patterns.iter().map(|p| p.psnr_db).sum::<f64>() / patterns.len() as f64;
         let terms: usize = patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
@@ -122,7 +124,7 @@ fn bake_rain(
                 asked: Some(asked),
                 got: worst,
                 chosen: format!("{}, {terms} cosines in {} patterns", methods_of(&patterns), patterns.len()),
-                next_better: streaks_beyond(rain, &patterns)?,
+                next_better: streaks_beyond(worst_picture, &patterns)?,
                 next_cheaper: next_cheaper.map(|pattern| pattern_words(&pattern)),
             },
             None => BudgetRecord {
@@ -188,48 +190,70 @@ fn methods_of(patterns: &[StreakPattern]) -> String {
     used.map(Method::name).collect::<Vec<_>>().join(" and ")
 }
 
-/// The patterns, and where a PSNR chose them the one that came nearest to it with fewer bytes.
-type Fitted = (Vec<StreakPattern>, Option<StreakPattern>);
+/// Patterns of all pictures, in their order.
+struct Fitted {
+    patterns: Vec<StreakPattern>,
+    /// Where a PSNR chose them, the one that came nearest to it with fewer bytes.
+    next_cheaper: Option<StreakPattern>,
+    /// Where a PSNR chose them, the picture whose pattern has the lowest, with its place.
+    worst: Option<(usize, Grey)>,
+    /// The pictures' files as they were read.
+    inputs: Vec<Fingerprint>,
+}
 
 fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError> {
     use rayon::prelude::*;
     let methods = if rain.method_given { std::slice::from_ref(&rain.fit.method) } else { &METHODS };
-    let fit = |path: &PathBuf| -> Result<(StreakPattern, Option<StreakPattern>), BakeError> {
+    // Of all pictures the one whose pattern is worst is kept: the first of those that are as bad.
+    let worst: Mutex<Option<(f64, usize, Grey)>> = Mutex::new(None);
+    type One = (StreakPattern, Option<StreakPattern>, Fingerprint);
+    let fit = |(at, path): (usize, &PathBuf)| -> Result<One, BakeError> {
         progress.check()?;
-        let picture = read_grey(path)?;
+        let input = picture_file(path)?;
+        let picture = grey_of(&input, rain.layer.as_deref())?.picture;
+        let input = input.fingerprint();
         let source = streak::Source { file: path, picture: &picture, notes: None };
-        let fitted = match rain.psnr_db {
-            None => (streak::fit(&source, rain.fit)?, None),
-            Some(asked) => {
-                let chosen = choose_pattern(&source, methods, asked)?;
-                (chosen.pattern, chosen.cheaper)
-            }
+        let Some(asked) = rain.psnr_db else {
+            let pattern = streak::fit(&source, rain.fit)?;
+            progress.advance(1);
+            return Ok((pattern, None, input));
         };
+        let chosen = choose_pattern(&source, methods, asked)?;
         progress.advance(1);
-        Ok(fitted)
+        let psnr = chosen.pattern.psnr_db;
+        let mut worst = worst.lock().unwrap_or_else(PoisonError::into_inner);
+        if worst.as_ref().is_none_or(|(least, other, _)| psnr.total_cmp(least).then(at.cmp(other)).is_lt()) {
+            *worst = Some((psnr, at, picture));
+        }
+        Ok((chosen.pattern, chosen.cheaper, input))
     };
-    let fitted: Vec<Result<_, BakeError>> = rain.pictures.par_iter().map(fit).collect();
-    let (mut patterns, mut nearest) = (Vec::new(), None::<StreakPattern>);
+    let fitted: Vec<Result<One, BakeError>> = rain.pictures.par_iter().enumerate().map(fit).collect();
+    let (mut patterns, mut inputs, mut nearest) = (Vec::new(), Vec::new(), None::<StreakPattern>);
     for one in fitted {
-        let (pattern, cheaper) = one?;
+        let (pattern, cheaper, input) = one?;
         if let Some(cheaper) = cheaper
             && nearest.as_ref().is_none_or(|best| cheaper.psnr_db > best.psnr_db)
         {
             nearest = Some(cheaper);
         }
         patterns.push(pattern);
+        inputs.push(input);
     }
-    Ok((patterns, nearest))
+    let worst = worst.into_inner().unwrap_or_else(PoisonError::into_inner).map(|(_, at, grey)| (at, grey));
+    Ok(Fitted { patterns, next_cheaper: nearest, worst, inputs })
 }
 
 /// What the next number of cosines would make of the worst pattern.
-fn streaks_beyond(rain: &Rain, patterns: &[StreakPattern]) -> Result<Option<String>, BakeError> {
-    let worst = patterns.iter().zip(&rain.pictures).min_by(|(a, _), (b, _)| a.psnr_db.total_cmp(&b.psnr_db));
-    let Some((pattern, path)) = worst else { return Ok(None) };
+fn streaks_beyond(
+    worst: Option<(usize, Grey)>,
+    patterns: &[StreakPattern],
+) -> Result<Option<String>, BakeError> {
+    let Some((at, picture)) = worst else { return Ok(None) };
+    let pattern = &patterns[at];
     let more = crate::budget::streaks::COUNTS.into_iter().find(|&count| count > pattern.pattern.terms());
     let Some(cosines) = more else { return Ok(None) };
-    let picture = read_grey(path)?;
-    let source = streak::Source { file: path, picture: &picture, notes: None };
+    // Its name is the pattern's; nothing is read again.
+    let source = streak::Source { file: Path::new(&pattern.name), picture: &picture, notes: None };
     let better = streak::fit(&source, streak::FitSettings { cosines, method: pattern.method })?;
     Ok((better.psnr_db > pattern.psnr_db).then(|| pattern_words(&better)))
 }

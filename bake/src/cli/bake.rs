@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Bakes a recipe into one asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The recipe, TOML.
     recipe: PathBuf,

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 /// Says what changed between two assets; exits 1 where they differ.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset that is looked at.
     a: PathBuf,

@@ -19,6 +19,7 @@ use std::time::Instant;
 
 /// Clouds lit by given lamps, from an asset: a picture of the scattered light, and per-cell fields on request.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -110,7 +111,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let mut files = fields.write(folder)?;
         let mut summary = json!({
             "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-            "asset": args.asset,
+            "asset": args.asset.to_string_lossy(),
             "dims_xyz": relighter.cloud().shape.to_array(),
             "exposure": exposure,
             "seconds": start.elapsed().as_secs_f64(),

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,

@@ -21,6 +21,7 @@ use std::time::Instant;
 
 /// The slow truth: fields and pictures of one light in a scene, without an asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The scene (SCENE.json).
     scene: PathBuf,
@@ -116,7 +117,7 @@ pub fn run(args: Args) -> Result<()> {
         let mut files = fields.write(folder)?;
         let mut summary = json!({
             "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-            "scene": args.scene,
+            "scene": args.scene.to_string_lossy(),
             "lamp": args.lamp,
             "dims_xyz": scene.cloud.shape.to_array(),
             "seconds": seconds,

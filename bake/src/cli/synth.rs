@@ -28,6 +28,7 @@ pub enum Synth {
 
 /// Arguments of `squall synth stroke`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct StrokeArgs {
     /// The JSON file.
     #[arg(short, long, value_name = "OUT")]
@@ -51,6 +52,7 @@ pub struct StrokeArgs {
 
 /// Arguments of `squall synth streaks`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Streaks {
     /// Folder for the pictures; made if missing.
     #[arg(short, long, value_name = "DIR")]
@@ -65,6 +67,7 @@ pub struct Streaks {
 
 /// Arguments of `squall synth cloud`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Cloud {
     /// Name of the two files, without extension or with .json.
     #[arg(short, long, value_name = "OUT")]
@@ -93,6 +96,7 @@ enum Kind {
 
 /// Arguments of `squall synth town`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Town {
     /// The JSON file.
     #[arg(short, long, value_name = "OUT")]

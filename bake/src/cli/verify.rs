@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 /// Reads every byte of an asset and says whether it is whole.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,

@@ -37,9 +37,8 @@ pub(super) fn bake_clouds(
 ) -> Result<(), BakeError> {
     let start = Stage(Instant::now());
     let scene = read_scene(&clouds.scene, clouds.optics)?;
-    record(recipe, &clouds.scene, provenance)?;
-    for path in &scene.inputs {
-        record(recipe, path, provenance)?;
+    for input in &scene.inputs {
+        record(recipe, input, provenance);
     }
     let cloud = &scene.cloud;
     let grid = grid_section(cloud);
