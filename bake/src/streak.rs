@@ -20,6 +20,7 @@ pub mod window;
 
 use crate::error::BakeError;
 pub use crate::input::picture::Grey;
+pub use crate::recipe::model::FitSettings;
 use rayon::prelude::*;
 use refine::{Free, Model, Samples};
 use search::Effort;
@@ -29,21 +30,6 @@ use squall_formats::section::streak::{
 };
 use std::path::Path;
 use window::{Extent, Shape};
-
-/// What a fit is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FitSettings {
-    /// How to fit.
-    pub method: Method,
-    /// Oscillating terms, 0 to [`MAX_TERMS`]; the constant and the window come on top.
-    pub cosines: usize,
-}
-
-impl Default for FitSettings {
-    fn default() -> Self {
-        Self { method: Method::Edges, cosines: 6 }
-    }
-}
 
 /// A picture to be fitted, and what is known of it.
 pub struct Source<'a> {

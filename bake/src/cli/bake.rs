@@ -3,7 +3,7 @@ use super::folder;
 use super::picture;
 use super::progress::Bars;
 use squall_bake::BakeError;
-use squall_bake::{output, recipe::Recipe, storm};
+use squall_bake::{output, pipeline, recipe::Recipe};
 use squall_formats::container;
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
@@ -38,7 +38,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         picture::check_name(preview)?;
     }
     let bars = Bars::new()?;
-    let baked = storm::bake(&recipe, &bars)?;
+    let baked = pipeline::bake(&recipe, &bars)?;
     bars.finish();
     output::write_atomically(&args.out, |out| container::write(out, &baked.sections).map(|_| ()))?;
     super::table::stages(&baked.stages, &args.out, start.elapsed().as_secs_f64())?;

@@ -1,6 +1,6 @@
 //! The closing table of a bake.
 
-use squall_bake::storm::StageReport;
+use squall_bake::pipeline::StageReport;
 use std::path::Path;
 
 /// Prints what each stage made, how long it took, how big it is and how far off.

@@ -2,6 +2,7 @@
 
 use crate::error::BakeError;
 use crate::input::{read_grid, read_json};
+pub use crate::recipe::model::Optics;
 use glam::DVec3;
 use serde::Deserialize;
 use squall_formats::GridShape;
@@ -96,17 +97,6 @@ struct CameraFile {
     half_height_m: Option<f64>,
     width: u32,
     height: u32,
-}
-
-/// Optics for scenes that leave them out, where a command brings its own.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Optics {
-    /// Single-scattering albedo.
-    pub albedo: Option<f64>,
-    /// Asymmetry parameter.
-    pub g: Option<f64>,
-    /// Extinction of density 1, 1/m.
-    pub kappa_per_m: Option<f64>,
 }
 
 /// Reads a scene and the grid that it names.
