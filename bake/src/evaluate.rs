@@ -83,6 +83,17 @@ pub struct Scores {
     pub stroke: RelitError,
 }
 
+/// What a response gives and takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// Errors on strokes, relit from bytes.
+    pub scores: Scores,
+    /// Bytes of the whole response; of a candidate estimated from those of the tried rows.
+    pub bytes: u64,
+    /// Milliseconds that relighting a stroke counts for, at most: [`cost`].
+    pub relight_ms: f64,
+}
+
 impl RelitError {
     /// Errors of `found` against `wanted`, `weights.len()` values a cell each of which counts for its weight; weights sum to 1.
     pub fn of(found: &[f32], wanted: &[f32], weights: &[f64]) -> Self {

@@ -95,5 +95,6 @@ fn check_view_region(site: &Site<'_>) -> Result<(), BakeError> {
     );
     let found =
         format!("a basis towards viewpoints between {:?} and {:?} m", view_region.low_m, view_region.high_m);
-    Err(BakeError::input(&site.recipe.file, clouds.keys.basis, wanted, found))
+    let (file, field) = (site.recipe.file.clone(), clouds.keys.basis.into());
+    Err(BakeError::Input { file, field, wanted, found })
 }

@@ -3,7 +3,7 @@
 //! Budgets choose by these figures and charts show them.
 
 use super::held_out::HeldOutSet;
-use super::{Scores, cost};
+use super::{Outcome, cost};
 use crate::asset::asset_of;
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -24,17 +24,6 @@ pub struct Candidate<'a> {
     distant: usize,
     /// Most rows that a stroke or the scene relights at once.
     most_rows: usize,
-}
-
-/// What coding a candidate's rows in one way gives.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
-    /// Errors on the candidate's strokes, relit from bytes.
-    pub scores: Scores,
-    /// Bytes of the whole response, estimated from those of the tried rows.
-    pub bytes: u64,
-    /// Milliseconds that relighting a stroke counts for, at most: [`cost`].
-    pub relight_ms: f64,
 }
 
 impl<'a> Candidate<'a> {

@@ -1,14 +1,14 @@
 //! The cloud's part of a bake: settings that the recipe leaves to its budgets are planned, rows baked, the written bytes scored by
 //! held-out strokes that the plan did not see.
 
-use super::records::{Measured, records, solver_records};
+use super::records::{records, solver_records};
 use super::stage::{Clock, StageOutput, StageReport, input_record};
 use crate::asset::{grid_section, in_memory};
 use crate::error::BakeError;
-use crate::evaluate::cost;
 use crate::evaluate::held_out::evaluate;
+use crate::evaluate::{Outcome, cost};
 use crate::input::scene::read_scene;
-use crate::plan::budget::{Margins, over, over_cost, wishes};
+use crate::plan::budget::{Excess, Margins, not_met};
 use crate::plan::lights::Site;
 use crate::plan::{Plan, plan};
 use crate::progress::Progress;
@@ -31,13 +31,13 @@ pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOu
     let scene = read_scene(&clouds.scene, clouds.optics)?;
     let files = std::iter::once(&clouds.scene).chain(&scene.inputs);
     let inputs = files.map(|path| input_record(recipe, path)).collect::<Result<_, _>>()?;
-    let site = Site::new(recipe, clouds, &scene.cloud);
-    let [nx, ny, nz] = site.cloud.shape.to_array();
+    let [nx, ny, nz] = scene.cloud.shape.to_array();
     let made = format!("{nx} × {ny} × {nz} cells");
-    let grid = clock.report("cloud grid", made, grid_section(site.cloud).length(), "as given".into());
-    let mut output = StageOutput { inputs, reports: vec![grid], ..StageOutput::default() };
-    output.append(bake_to_budget(&site, progress)?);
-    Ok(output)
+    let mut grid = clock.report("cloud grid", made, 0, "as given".into());
+    let baked = bake_to_budget(&Site::new(recipe, clouds, &scene.cloud), progress)?;
+    grid.bytes = baked.sections[0].length();
+    let reports = std::iter::once(grid).chain(baked.reports).collect();
+    Ok(StageOutput { inputs, reports, ..baked })
 }
 
 /// Plans, bakes and scores until the budget is met.
@@ -52,17 +52,16 @@ fn bake_to_budget(site: &Site<'_>, progress: &dyn Progress) -> Result<StageOutpu
             return made.unmeasured(site);
         }
         let measured = made.measure(site, iteration, progress)?;
-        let over = over(budget, &measured.scores);
-        let over_cost = over_cost(budget, measured.bytes, measured.relight_ms);
-        if over <= 1.0 && over_cost <= 1.0 {
+        let excess = Excess::of(budget, &measured);
+        if excess.within(Margins::default()) {
             let budgets = records(budget, &made.head, &made.plan, &measured);
             return Ok(made.output(budgets));
         }
         if iteration == ITERATIONS || made.plan.tried == 0 {
-            return Err(not_met(site, &made.plan, &measured));
+            return Err(not_met(budget, &measured, &made.plan));
         }
         // Held-out strokes are worse off than those that chose, or rows larger: ask for more, and bake once more.
-        margins = margins.tightened(over, over_cost);
+        margins = margins.tightened(excess);
     }
 }
 
@@ -129,14 +128,14 @@ impl Made {
         site: &Site<'_>,
         iteration: usize,
         progress: &dyn Progress,
-    ) -> Result<Measured, BakeError> {
+    ) -> Result<Outcome, BakeError> {
         let clock = Clock::start();
         progress.begin("verification", self.held_out.len() as u64);
         let asset = in_memory(&self.sections)?;
         let relighter = Relighter::new(&asset)?;
         let scores = evaluate(&relighter, &self.held_out, iteration as u64)?;
-        let flashes = cost::flashes(site.recipe);
-        let strokes = self.held_out.iter().map(|stroke| &stroke.lights).chain(&flashes).map(Vec::as_slice);
+        let strokes =
+            self.held_out.iter().map(|stroke| &stroke.lights).chain(&site.flashes).map(Vec::as_slice);
         let relight_ms = cost::most_ms(&relighter, strokes)?;
         let error = format!(
             "relit L2 {:.2} % from the bytes; stroke L2 {:.1} %, median {:.1} %",
@@ -146,7 +145,7 @@ impl Made {
         );
         let made = format!("{} held-out strokes", self.held_out.len());
         self.reports.push(clock.report("verification", made, 0, error));
-        Ok(Measured { scores, bytes: self.sections[1].length(), relight_ms })
+        Ok(Outcome { scores, bytes: self.sections[1].length(), relight_ms })
     }
 
     /// What a response without held-out strokes leaves behind.
@@ -169,18 +168,5 @@ impl Made {
 
     fn output(self, budgets: Vec<BudgetRecord>) -> StageOutput {
         StageOutput { sections: self.sections.into(), inputs: Vec::new(), budgets, reports: self.reports }
-    }
-}
-
-fn not_met(site: &Site<'_>, plan: &Plan, measured: &Measured) -> BakeError {
-    let Measured { scores, bytes, relight_ms } = measured;
-    BakeError::NotReached {
-        what: "clouds.budget on held-out strokes".into(),
-        wanted: wishes(&site.clouds.budget).join(" and "),
-        reached: format!(
-            "stroke_l2 {:.4}, relit_l2 {:.4}, {bytes} bytes, relight_ms {relight_ms:.3} with {plan}",
-            scores.stroke.l2, scores.codec.l2
-        ),
-        hint: "ask for less, or leave more of spacing_m, basis and error to the budget".into(),
     }
 }

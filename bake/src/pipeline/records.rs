@@ -1,27 +1,17 @@
 //! What an asset's provenance keeps of a response: what was asked, got and chosen.
 
-use crate::evaluate::Scores;
+use crate::evaluate::{Outcome, Scores};
 use crate::plan::Plan;
 use crate::recipe::model::CloudBudget;
 use squall_formats::section::provenance::BudgetRecord;
 use squall_formats::section::response::{Codec, NO_ROW, ResponseHead, SourceBasis, SweepScheme};
 
-/// What the written bytes were found to give and take.
-pub(super) struct Measured {
-    /// Errors on held-out strokes.
-    pub(super) scores: Scores,
-    /// Bytes of the response.
-    pub(super) bytes: u64,
-    /// Milliseconds that relighting counts for, at most.
-    pub(super) relight_ms: f64,
-}
-
-/// All records of a response.
+/// All records of a response; `measured` is what the written bytes were found to give and take.
 pub(super) fn records(
     budget: &CloudBudget,
     head: &ResponseHead,
     plan: &Plan,
-    measured: &Measured,
+    measured: &Outcome,
 ) -> Vec<BudgetRecord> {
     let mut records = error_records(budget, head, plan, &measured.scores);
     records.extend(cost_records(budget, plan, measured));
@@ -90,7 +80,7 @@ fn error_records(
     ]
 }
 
-fn cost_records(budget: &CloudBudget, plan: &Plan, measured: &Measured) -> Vec<BudgetRecord> {
+fn cost_records(budget: &CloudBudget, plan: &Plan, measured: &Outcome) -> Vec<BudgetRecord> {
     let alone = budget.costs() && !budget.errors();
     let mut records = Vec::new();
     if let Some(most) = budget.bytes {

@@ -1,7 +1,9 @@
 //! How far a response is from what its budget asks for.
 
-use crate::evaluate::Scores;
+use crate::error::BakeError;
+use crate::evaluate::Outcome;
 use crate::recipe::model::CloudBudget;
+use std::fmt::Display;
 
 /// A choice aims below its budget by this factor: strokes that it does not see may be a little worse off.
 pub(super) const SAFETY: f64 = 0.97;
@@ -25,32 +27,45 @@ impl Default for Margins {
 }
 
 impl Margins {
-    /// What the next iteration may use after a response whose errors are `over` and whose costs are `over_cost` times what was
-    /// asked for.
-    pub fn tightened(self, over: f64, over_cost: f64) -> Self {
+    /// What the next iteration may use after a response that exceeds what was asked for.
+    pub fn tightened(self, excess: Excess) -> Self {
         let tightened = |margin: f64, over: f64| if over > 1.0 { margin * (TIGHTER / over) } else { margin };
-        Self { errors: tightened(self.errors, over), costs: tightened(self.costs, over_cost) }
+        Self { errors: tightened(self.errors, excess.errors), costs: tightened(self.costs, excess.costs) }
     }
 }
 
-/// The largest ratio of an error to what was asked; 0 where nothing was, without bound for what is no number.
-pub fn over(budget: &CloudBudget, scores: &Scores) -> f64 {
-    let ratio = |asked: Option<f64>, got: f64| match asked {
-        Some(asked) if got.is_finite() => got / asked,
-        Some(_) => f64::INFINITY,
-        None => 0.0,
-    };
-    ratio(budget.stroke_l2, scores.stroke.l2).max(ratio(budget.relit_l2, scores.codec.l2))
+/// How many times what was asked for a response is; 0 where nothing was asked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Excess {
+    /// Of the errors the largest ratio; without bound for what is no number.
+    pub errors: f64,
+    /// Of bytes and milliseconds the larger ratio.
+    pub costs: f64,
 }
 
-/// The larger ratio of a response's bytes and of what a stroke counts for to what was asked; 0 where nothing was.
-pub fn over_cost(budget: &CloudBudget, bytes: u64, relight_ms: f64) -> f64 {
-    let bytes = budget.bytes.map_or(0.0, |most| bytes as f64 / most as f64);
-    bytes.max(budget.relight_ms.map_or(0.0, |most| relight_ms / most))
+impl Excess {
+    /// The excess of `outcome` over `budget`.
+    pub fn of(budget: &CloudBudget, outcome: &Outcome) -> Self {
+        let ratio = |asked: Option<f64>, got: f64| match asked {
+            Some(asked) if got.is_finite() => got / asked,
+            Some(_) => f64::INFINITY,
+            None => 0.0,
+        };
+        let Outcome { scores, bytes, relight_ms } = outcome;
+        let errors = ratio(budget.stroke_l2, scores.stroke.l2).max(ratio(budget.relit_l2, scores.codec.l2));
+        let bytes = budget.bytes.map_or(0.0, |most| *bytes as f64 / most as f64);
+        let costs = bytes.max(budget.relight_ms.map_or(0.0, |most| relight_ms / most));
+        Self { errors, costs }
+    }
+
+    /// Whether the outcome keeps within these margins of its budget.
+    pub fn within(self, margins: Margins) -> bool {
+        self.errors <= margins.errors && self.costs <= margins.costs
+    }
 }
 
 /// What a budget asks for, one wish each.
-pub fn wishes(budget: &CloudBudget) -> Vec<String> {
+pub(super) fn wishes(budget: &CloudBudget) -> Vec<String> {
     let asked = |name: &str, value: Option<f64>| value.map(|v| format!("{name} {v}"));
     let wishes = [
         asked("stroke_l2", budget.stroke_l2),
@@ -59,4 +74,18 @@ pub fn wishes(budget: &CloudBudget) -> Vec<String> {
         asked("relight_ms", budget.relight_ms),
     ];
     wishes.into_iter().flatten().collect()
+}
+
+/// What is said where the last `setting` that was tried does not meet the budget.
+pub fn not_met(budget: &CloudBudget, measured: &Outcome, setting: &dyn Display) -> BakeError {
+    let Outcome { scores, bytes, relight_ms } = measured;
+    BakeError::NotReached {
+        what: "clouds.budget on held-out strokes".into(),
+        wanted: wishes(budget).join(" and "),
+        reached: format!(
+            "stroke_l2 {:.4}, relit_l2 {:.4}, {bytes} bytes, relight_ms {relight_ms:.3} with {setting}",
+            scores.stroke.l2, scores.codec.l2
+        ),
+        hint: "ask for less, or leave more of spacing_m, basis and error to the budget".into(),
+    }
 }

@@ -1,7 +1,7 @@
 //! What a budget may choose among: spacings of virtual lights, bases of the rows and errors of their coding.
 
 use super::lights::Site;
-use crate::evaluate::candidate::Outcome;
+use crate::evaluate::Outcome;
 use crate::recipe::model::Clouds;
 use crate::response::visibility::stand_apart;
 use squall_formats::section::response::{DirectTerm, DirectionalBasis};

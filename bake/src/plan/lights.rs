@@ -1,6 +1,7 @@
 //! Where a recipe's virtual point lights stand, and the strokes that try a response over them.
 
 use crate::error::BakeError;
+use crate::evaluate::cost;
 use crate::evaluate::held_out::{grown_strokes, shifted_strokes};
 use crate::recipe::model::{Clouds, Recipe};
 use crate::response::{LightGrid, LightSpacing, light_grid};
@@ -27,6 +28,8 @@ pub struct Site<'a> {
     pub cloud: &'a Cloud,
     /// Smallest and largest corner of the box that virtual lights have to fill, m.
     pub bounds: [DVec3; 2],
+    /// What the scene relights at once: [`cost::flashes`].
+    pub flashes: Vec<Vec<PointLight>>,
     /// Height of the cloud's base, m.
     base: f64,
     /// The recipe's own strokes, grown.
@@ -50,7 +53,7 @@ impl<'a> Site<'a> {
         let base = occupied.map_or(cloud.origin_m.z, |at| {
             cloud.origin_m.z + cloud.shape.cell(at)[2] as f64 * cloud.cell_m[2]
         });
-        Self { recipe, clouds, cloud, bounds, base, strokes }
+        Self { recipe, clouds, cloud, bounds, flashes: cost::flashes(recipe), base, strokes }
     }
 
     /// The longest side of the bounds, m.
@@ -75,7 +78,8 @@ impl<'a> Site<'a> {
         if nodes.x * nodes.y * nodes.z > MAX_LIGHTS {
             let wanted = format!("at most {MAX_LIGHTS} virtual lights");
             let found = format!("about {} × {} × {}", nodes.x, nodes.y, nodes.z);
-            return Err(BakeError::input(&self.recipe.file, "clouds.lightning.spacing_m", wanted, found));
+            let (file, field) = (self.recipe.file.clone(), "clouds.lightning.spacing_m".into());
+            return Err(BakeError::Input { file, field, wanted, found });
         }
         let stated = &self.clouds.lights;
         let spacing =
@@ -110,6 +114,26 @@ impl<'a> Site<'a> {
             (bounds[1] - bounds[0]).max_element() / POINTS
         };
         grown_strokes(self.cloud, bounds, usable, spacing_m, numbers)
+    }
+
+    /// Strokes that candidates at a spacing are tried on.
+    ///
+    /// Errors: there is none.
+    pub(super) fn tried_strokes(
+        &self,
+        lights: &LightGrid,
+        spacing_m: f64,
+    ) -> Result<Vec<Vec<PointLight>>, BakeError> {
+        let found = self.strokes(lights, spacing_m, 0..TRIED_STROKES[1]);
+        if found.is_empty() {
+            return Err(BakeError::NotReached {
+                what: "clouds.budget".into(),
+                wanted: "a stroke to try settings on".into(),
+                reached: "none that the virtual lights reach".into(),
+                hint: "strokes in the recipe, or larger bounds without prune, would give some".into(),
+            });
+        }
+        Ok(found)
     }
 
     /// The light grid at a spacing, m, and the held-out strokes that score a response over it: behind those that candidates are tried

@@ -5,15 +5,14 @@
 //! tried rows; what a row takes differs little from one virtual light to the next. Budgets of bytes and of milliseconds
 //! ([`crate::evaluate::cost`]) bound it.
 
-use super::budget::{Margins, SAFETY, over, over_cost, wishes};
+use super::budget::{Excess, Margins, SAFETY, wishes};
 use super::candidates::{Tried, bases, errors, spacings};
 use super::lights::{Site, TRIED_STROKES};
 use crate::error::BakeError;
 use crate::evaluate::candidate::Candidate;
-use crate::evaluate::cost;
 use crate::progress::{Progress, Quiet};
 use crate::recipe::model::{CloudBudget, ResponseSettings};
-use crate::response::{HeldOutStroke, Job, LightGrid, Sources};
+use crate::response::{HeldOutStroke, Job, Sources};
 use squall_formats::section::response::DirectionalBasis;
 use squall_runtime::relight::PointLight;
 
@@ -29,8 +28,6 @@ pub(super) struct Search<'a> {
     margins: Margins,
     bases: Vec<DirectionalBasis>,
     errors: Vec<f64>,
-    /// What the scene relights at once.
-    flashes: Vec<Vec<PointLight>>,
     tried: Vec<Tried>,
     /// Whether a spacing was left out for want of memory or time.
     full: bool,
@@ -47,7 +44,6 @@ impl<'a> Search<'a> {
             margins: Margins { errors: margins.errors * SAFETY, costs: margins.costs * SAFETY },
             bases: bases(site),
             errors: errors(site.clouds),
-            flashes: cost::flashes(site.recipe),
             tried: Vec::new(),
             full: false,
             known: Vec::new(),
@@ -116,7 +112,7 @@ impl<'a> Search<'a> {
             return Ok(None);
         };
         let widest = self.bases.last().copied().unwrap_or(self.settings.channels);
-        let mut strokes = tried_strokes(site, &lights, spacing_m)?;
+        let mut strokes = site.tried_strokes(&lights, spacing_m)?;
         let bytes = |strokes: &[Vec<PointLight>]| Candidate::bytes(&lights, strokes, widest, cloud);
         while strokes.len() > TRIED_STROKES[0] && bytes(&strokes) > MOST_BYTES {
             strokes.truncate(strokes.len() / 2);
@@ -131,7 +127,7 @@ impl<'a> Search<'a> {
         let known = same.then_some(known.as_slice());
         let sources = Sources { lights, distant: site.clouds.distant.clone() };
         let job = Job { cloud, sources: &sources, settings: &settings, held_out: &strokes, known };
-        let candidate = Candidate::new(&job, &self.flashes, &Quiet)?;
+        let candidate = Candidate::new(&job, &site.flashes, &Quiet)?;
         self.known = candidate.held_out();
         progress.advance(1);
         self.code(spacing_m, &candidate)
@@ -150,8 +146,8 @@ impl<'a> Search<'a> {
                 let outcome = candidate.code(basis, self.settings.codec, error)?;
                 let tried = Tried { spacing_m, basis, error, outcome };
                 self.tried.push(tried);
-                let good = over(budget, &outcome.scores) <= self.margins.errors;
-                let fits = over_cost(budget, outcome.bytes, outcome.relight_ms) <= self.margins.costs;
+                let excess = Excess::of(budget, &outcome);
+                let (good, fits) = (excess.errors <= self.margins.errors, excess.costs <= self.margins.costs);
                 if good && fits && best.is_none_or(|best| self.prefers(&tried, &best)) {
                     best = Some(tried);
                 }
@@ -179,9 +175,9 @@ impl<'a> Search<'a> {
     pub(super) fn neighbours(&self, best: &Tried) -> [Option<String>; 2] {
         let budget = self.budget();
         // In the measures that were asked for, the one that is nearest to what was asked.
-        let error = |tried: &Tried| {
-            let scores = tried.outcome.scores;
-            if budget.errors() { over(budget, &scores) } else { scores.stroke.l2 }
+        let error = |tried: &Tried| match budget.errors() {
+            true => Excess::of(budget, &tried.outcome).errors,
+            false => tried.outcome.scores.stroke.l2,
         };
         // In what binds: bytes, or milliseconds where those alone are asked for.
         let in_ms = budget.relight_ms.is_some() && budget.bytes.is_none() && !budget.errors();
@@ -200,11 +196,10 @@ impl<'a> Search<'a> {
         if self.margins.errors < SAFETY {
             wanted.push(format!("on the tried strokes {:.3} of that", self.margins.errors));
         }
-        let worst = |tried: &&Tried| over(budget, &tried.outcome.scores);
-        let cost = |tried: &Tried| over_cost(budget, tried.outcome.bytes, tried.outcome.relight_ms);
-        let fits = |tried: &&Tried| cost(tried) <= 1.0;
-        let best = self.tried.iter().filter(fits).min_by(|a, b| worst(a).total_cmp(&worst(b)));
-        let smallest = self.tried.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        let excess = |tried: &Tried| Excess::of(budget, &tried.outcome);
+        let fits = self.tried.iter().filter(|tried| excess(tried).costs <= 1.0);
+        let best = fits.min_by(|a, b| excess(a).errors.total_cmp(&excess(b).errors));
+        let smallest = self.tried.iter().min_by(|a, b| excess(a).costs.total_cmp(&excess(b).costs));
         BakeError::NotReached {
             what: "clouds.budget".into(),
             wanted: wanted.join(", "),
@@ -242,24 +237,4 @@ impl<'a> Search<'a> {
         hints.push("ask for less".into());
         hints
     }
-}
-
-/// Strokes that candidates at a spacing are tried on.
-///
-/// Errors: there is none.
-pub(super) fn tried_strokes(
-    site: &Site<'_>,
-    lights: &LightGrid,
-    spacing_m: f64,
-) -> Result<Vec<Vec<PointLight>>, BakeError> {
-    let found = site.strokes(lights, spacing_m, 0..TRIED_STROKES[1]);
-    if found.is_empty() {
-        return Err(BakeError::NotReached {
-            what: "clouds.budget".into(),
-            wanted: "a stroke to try settings on".into(),
-            reached: "none that the virtual lights reach".into(),
-            hint: "strokes in the recipe, or larger bounds without prune, would give some".into(),
-        });
-    }
-    Ok(found)
 }

@@ -3,7 +3,6 @@
 
 use super::budget::{SAFETY, TIGHTER};
 use super::lights::Site;
-use super::search::tried_strokes;
 use crate::error::BakeError;
 use crate::evaluate::root_mean_square;
 use crate::evaluate::views::Views;
@@ -72,7 +71,7 @@ pub(super) fn choose_solver(
 ) -> Result<SolverChoice, BakeError> {
     let spacing_m = site.usual_spacing_m();
     let lights = site.place_lights(spacing_m)?;
-    let tried_on = tried_strokes(site, &lights, spacing_m)?;
+    let tried_on = site.tried_strokes(&lights, spacing_m)?;
     // In every iteration others, which confirm nothing else.
     let held_out = |iteration: usize| {
         let first = FIRST_HELD_OUT + iteration * STROKES;
