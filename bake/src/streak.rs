@@ -22,6 +22,7 @@ pub mod window;
 
 use crate::error::BakeError;
 pub use crate::input::picture::Grey;
+pub use crate::recipe::model::FitSettings;
 use joint::Ladder;
 use rayon::prelude::*;
 pub use squall_formats::section::streak::Method;
@@ -30,21 +31,6 @@ use squall_formats::section::streak::{
 };
 use std::path::Path;
 use window::Shape;
-
-/// What a fit is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FitSettings {
-    /// How to fit.
-    pub method: Method,
-    /// Oscillating terms, 0 to [`MAX_TERMS`]; the constant and the window come on top.
-    pub cosines: usize,
-}
-
-impl Default for FitSettings {
-    fn default() -> Self {
-        Self { method: Method::Edges, cosines: 6 }
-    }
-}
 
 /// A picture to be fitted, and what is known of it.
 pub struct Source<'a> {

@@ -6,7 +6,7 @@ use super::table;
 use squall_bake::BakeError;
 use squall_bake::output::Output;
 use squall_bake::progress::Progress;
-use squall_bake::{memory, recipe::Recipe, storm};
+use squall_bake::{memory, pipeline, recipe::Recipe};
 use squall_formats::container;
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
@@ -44,7 +44,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     let bars = args.common.start()?;
     memory::require_bake(&recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
-    let baked = storm::bake(&recipe, &bars)?;
+    let baked = pipeline::bake(&recipe, &bars)?;
     bars.check()?;
     let bytes = Cell::new(0);
     out.write(|out| container::write(out, &baked.sections).map(|written| bytes.set(written)))?;

@@ -35,7 +35,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         1 => "1 section differs".to_owned(),
         count => format!("{count} sections differ"),
     };
-    Err(BakeError::Failed(format!("{} and {}: {what}", args.a.display(), args.b.display())).into())
+    Err(BakeError::Different { a: args.a, b: args.b, what }.into())
 }
 
 fn in_words(found: &Difference) -> String {

@@ -1,6 +1,6 @@
 //! The closing table of a bake.
 
-use squall_bake::storm::StageReport;
+use squall_bake::pipeline::StageReport;
 use std::fmt::Write;
 
 /// What each stage made, how long it took, how big it is and how far off; last the whole asset, by its name, bytes and seconds.

@@ -32,7 +32,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn evaluate(error: RuntimeError) -> BakeError {
     match &error {
-        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Failed(error.to_string()),
+        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Damaged(error),
         _ => BakeError::Asset(error),
     }
 }

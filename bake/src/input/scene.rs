@@ -4,6 +4,7 @@ use crate::error::BakeError;
 use crate::input::facts::{self, Order};
 use crate::input::json::{parse_json, read_text_input};
 use crate::input::{Fingerprint, Grid, read_grid_file, read_json};
+pub use crate::recipe::model::Optics;
 use glam::DVec3;
 use serde::Deserialize;
 use squall_formats::GridShape;
@@ -114,17 +115,6 @@ struct CameraFile {
     height: u32,
     #[serde(rename = "note")]
     _note: Option<serde_json::Value>,
-}
-
-/// Optics for scenes that leave them out, where a command brings its own.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Optics {
-    /// Single-scattering albedo.
-    pub albedo: Option<f64>,
-    /// Asymmetry parameter.
-    pub g: Option<f64>,
-    /// Extinction of density 1, 1/m.
-    pub kappa_per_m: Option<f64>,
 }
 
 const SCENE: &str = "a scene (SCENE.json)";

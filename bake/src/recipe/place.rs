@@ -1,50 +1,9 @@
 //! Places in a recipe's text, and errors that point at them.
 
+use crate::error::RecipeError;
 use std::ops::Range;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
-
-/// What is wrong at one place of a recipe.
-#[derive(Clone, Debug)]
-pub struct RecipeError {
-    /// The recipe.
-    pub file: Box<Path>,
-    /// Its whole text.
-    pub text: Box<str>,
-    /// Bytes of the text that are meant.
-    pub span: Range<usize>,
-    /// Which key.
-    pub field: String,
-    /// What is accepted.
-    pub wanted: String,
-    /// What stands there.
-    pub found: String,
-}
-
-impl RecipeError {
-    /// Line and column of the place, counted from 1; columns in characters.
-    pub fn line_and_column(&self) -> (usize, usize) {
-        let before = &self.text[..self.floor(self.span.start)];
-        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
-        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
-    }
-
-    /// The start of the character that byte `at` lies in.
-    fn floor(&self, at: usize) -> usize {
-        let at = at.min(self.text.len());
-        (0..=at).rev().find(|&i| self.text.is_char_boundary(i)).unwrap_or(0)
-    }
-}
-
-impl std::fmt::Display for RecipeError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (line, column) = self.line_and_column();
-        let (file, field) = (self.file.display(), &self.field);
-        write!(f, "{file}:{line}:{column}: {field}: wanted {}, found {}", self.wanted, self.found)
-    }
-}
-
-impl std::error::Error for RecipeError {}
 
 /// Keys of a recipe under which a record's `field` may have been typed, the likeliest first, and what is `wanted` in
 /// the units of those keys: records hold radians and seconds, recipes degrees and milliseconds.
