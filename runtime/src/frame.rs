@@ -16,11 +16,11 @@ use crate::camera::{Camera, Projection, Ray};
 use crate::error::RuntimeError;
 use crate::load::Asset;
 use crate::picture::Picture;
-use crate::rain::{Environment as Surroundings, Rain, Workspace};
+use crate::rain::{Rain, Surroundings, Workspace};
 use crate::relight::{RelightBuffers, Relighter};
 use crate::shade::cloud::{CloudPicture, CloudShape, CloudView};
 use crate::shade::detail::{Detail, DetailParameters};
-use crate::shade::environment::{Environment, Window};
+use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::{Sky, SkyParameters};
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -216,7 +216,7 @@ impl<'a> Storm<'a> {
         };
         let eye = camera.position;
         if let Some(town) = &self.town {
-            let window = Window {
+            let window = EnvironmentWindow {
                 heading: Radians(view.camera.heading_rad),
                 half_width: Radians(MIRROR_HALF_WIDTH),
                 top: Radians(MIRROR_TOP),

@@ -1,7 +1,7 @@
-//! Clouds lit by a stroke: from points of light to virtual sources to channels per cell. \[dobashi\] §7.
+//! Clouds lit by a stroke: from points of light to virtual point lights to coefficients per cell. \[dobashi\] §7.
 //!
-//! A stroke's points are split over the virtual sources around them (eq. 6), the sources' rows are summed coefficient by
-//! coefficient (eq. 9) and each channel is transformed back once (eq. 8). Rows are read as they lie in the asset; those
+//! A stroke's points are split over the virtual sources around them (eq. 6), the sources' rows are summed number by
+//! number (eq. 9) and each coefficient is transformed back once (eq. 8). Rows are read as they lie in the asset; those
 //! that no point touches are never looked at.
 
 use crate::camera::{Camera, Projection};
@@ -35,7 +35,7 @@ pub struct Relighter<'a> {
     response: ResponseSection<'a>,
     cloud: Cloud,
     haar: Haar,
-    /// The eyes' frame, where rows are for those alone.
+    /// The view region's frame, where rows are towards it alone.
     frame: Option<ViewRegionFrame>,
     /// Rows whose checksum has been seen to be right.
     verified: Vec<AtomicBool>,
@@ -46,16 +46,16 @@ pub struct Relighter<'a> {
 pub struct RelightBuffers {
     weights: Vec<SourceWeight>,
     parts: Vec<(u32, f64)>,
-    channels: Vec<f32>,
+    coefficients: Vec<f32>,
     scratch: Vec<f32>,
 }
 
-/// The channels of a relit cloud: J's coefficients per cell, W/(m² sr) per unit of basis, one plane a channel.
+/// The coefficients of a relit cloud's J, W/(m² sr) per unit of basis, one plane of cells a coefficient.
 #[derive(Clone, Copy, Debug)]
 pub struct Relit<'a> {
     /// What the planes mean.
     pub basis: DirectionalBasis,
-    /// The eyes' frame, where the light is for those alone.
+    /// The view region's frame, where the light is towards it alone.
     pub frame: Option<ViewRegionFrame>,
     /// Cells per plane.
     pub cells: usize,
@@ -121,7 +121,7 @@ impl<'a> Relighter<'a> {
         self.response.head.solver.extinction_scale
     }
 
-    /// Where eyes may stand; anywhere where `None`.
+    /// Where the viewpoint may be; anywhere where `None`.
     pub fn view_region(&self) -> Option<&ViewRegion> {
         self.response.head.view_region.as_ref()
     }
@@ -138,7 +138,7 @@ impl<'a> Relighter<'a> {
 
     /// Whether the light holds for what `camera` sees.
     ///
-    /// Errors: its eye is outside the box that the asset was baked for; an orthographic camera has no eye and is outside of any.
+    /// Errors: it is outside the view region that the asset was baked for; an orthographic camera has no viewpoint and is outside of any.
     pub fn check_camera(&self, camera: &Camera) -> Result<(), RuntimeError> {
         let Some(view_region) = self.view_region() else { return Ok(()) };
         let perspective = matches!(camera.projection, Projection::Perspective { .. });
@@ -152,7 +152,7 @@ impl<'a> Relighter<'a> {
         Err(RuntimeError::argument("camera position", wanted, found))
     }
 
-    /// Whether a lamp at `position` can be split over baked sources.
+    /// Whether a light at `position` can be split over the virtual point lights that were baked.
     pub fn reaches(&self, position: DVec3) -> bool {
         nodes_around(&self.response.head.sources, position).is_some_and(|parts| {
             parts
@@ -207,7 +207,7 @@ impl<'a> Relighter<'a> {
         self.sum_rows(RelightOptions::default(), buffers).map(Some)
     }
 
-    /// Sums the rows that `buffers.weights` names and transforms every channel back.
+    /// Sums the rows that `buffers.weights` names and transforms every coefficient back.
     fn sum_rows<'b>(
         &self,
         options: RelightOptions,
@@ -215,8 +215,8 @@ impl<'a> Relighter<'a> {
     ) -> Result<Relit<'b>, RuntimeError> {
         let (cells, basis) = (self.haar.len(), self.response.head.channels);
         let count = basis.count();
-        buffers.channels.clear();
-        buffers.channels.resize(cells * count, 0.0);
+        buffers.coefficients.clear();
+        buffers.coefficients.resize(cells * count, 0.0);
         for weight in &buffers.weights {
             let row = weight.row as usize;
             let known = self.verified[row].load(Ordering::Relaxed);
@@ -224,15 +224,15 @@ impl<'a> Relighter<'a> {
             let parts =
                 bytes.and_then(|bytes| channels(bytes, count)).map_err(|error| self.asset.wrap(error))?;
             self.verified[row].store(true, Ordering::Relaxed);
-            for (channel, sums) in parts.iter().zip(buffers.channels.chunks_exact_mut(cells)) {
-                accumulate(channel, self.response.head.codec, weight.intensity, sums)
+            for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
+                accumulate(coefficients, self.response.head.codec, weight.intensity, sums)
                     .map_err(|error| self.asset.wrap(error))?;
             }
         }
-        for (channel, plane) in buffers.channels.chunks_exact_mut(cells).enumerate() {
+        for (number, plane) in buffers.coefficients.chunks_exact_mut(cells).enumerate() {
             self.haar.inverse(plane, &mut buffers.scratch);
             if options.paper_ambient {
-                let bound = |w: &SourceWeight| self.response.bounds_of(w.row as usize).get(channel).copied();
+                let bound = |w: &SourceWeight| self.response.bounds_of(w.row as usize).get(number).copied();
                 let ambient: f32 = buffers
                     .weights
                     .iter()
@@ -241,10 +241,10 @@ impl<'a> Relighter<'a> {
                 plane.iter_mut().for_each(|value| *value += ambient);
             }
         }
-        Ok(Relit { basis, frame: self.frame, cells, planes: &buffers.channels })
+        Ok(Relit { basis, frame: self.frame, cells, planes: &buffers.coefficients })
     }
 
-    /// The virtual lamps that the stroke last weighed was split over, each where it was baked.
+    /// The virtual point lights that the stroke last weighed was split over, each where it was baked.
     pub fn virtual_lights(&self, buffers: &RelightBuffers) -> Vec<PointLight> {
         let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &self.response.head.sources;
         let (nx, ny) = (x_m.len(), y_m.len());
@@ -257,7 +257,7 @@ impl<'a> Relighter<'a> {
         .collect()
     }
 
-    /// How far each channel of the stroke last weighed can be from what was solved, as an L2 norm over cells: Σ |e_l| (γ_l + q_l).
+    /// How far each coefficient of the stroke last weighed can be from what was solved, as an L2 norm over cells: Σ |e_l| (γ_l + q_l).
     pub fn error_bounds(&self, buffers: &RelightBuffers) -> Vec<f64> {
         let mut sums = vec![0.0; self.response.head.channels.count()];
         for weight in &buffers.weights {
@@ -366,7 +366,7 @@ pub fn view_region_frame(view_region: &ViewRegion, cloud: &Cloud) -> ViewRegionF
     ViewRegionFrame::new(view_region, (0.5 * (cloud.origin_m + cloud.far_corner())).to_array())
 }
 
-/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane. Of [`DirectionalBasis::ViewRegion`] they differ from cell to
+/// Factors of each coefficient in direction `towards`: J(towards) = Σ factor × plane. Of [`DirectionalBasis::ViewRegion`] they differ from cell to
 /// cell, and with `view_region` absent, the frame and the cell's middle in m, they are 0.
 pub fn basis_factors(
     basis: DirectionalBasis,
@@ -401,15 +401,15 @@ pub fn basis_factors(
 impl Relit<'_> {
     /// J in cell `cell` towards the direction that `factors` were made for.
     pub fn value(&self, cell: usize, factors: &[f32]) -> f32 {
-        factors.iter().enumerate().map(|(channel, f)| f * self.planes[channel * self.cells + cell]).sum()
+        factors.iter().enumerate().map(|(plane, f)| f * self.planes[plane * self.cells + cell]).sum()
     }
 
-    /// Factors of each channel at a cell whose middle is `cell_m`, m, in direction `towards`: [`basis_factors`].
+    /// Factors of each coefficient at a cell whose middle is `cell_m`, m, in direction `towards`: [`basis_factors`].
     pub fn factors(&self, cell_m: DVec3, towards: DVec3, factors: &mut Vec<f32>) {
         basis_factors(self.basis, self.frame.as_ref().map(|frame| (frame, cell_m)), towards, factors);
     }
 
-    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere; `None` where only light towards eyes is known.
+    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere; `None` where only light towards a view region is known.
     pub fn fluence(&self, cell: usize) -> Option<f32> {
         Some(match self.basis {
             DirectionalBasis::ViewRegion { .. } => return None,

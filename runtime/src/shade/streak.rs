@@ -21,8 +21,8 @@ mod thin;
 use draw::{Lines, Wave, draw, draw_thin};
 use edge::EdgeTable;
 use frame::{EdgeFrame, ProductFrame};
-use prepare::{Cosines, Frame, Light, Prepared};
-use profile::{Profile, Row};
+use prepare::{Cosines, PatternFrame, PatternLight, Prepared};
+use profile::{Profile, ProfileRow};
 use squall_formats::section::streak::StreakSection;
 
 /// Bodies narrower or shorter than this are drawn in thin form.
@@ -46,7 +46,7 @@ pub struct StreakSet {
 
 /// One streak in the frame. Pixel (0, 0) has its centre at (½, ½), y points down.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kernel {
+pub struct StreakPlacement {
     /// Middle of the streak's body, pixels.
     pub middle: [f32; 2],
     /// Direction of the fall, any length but zero.
@@ -76,14 +76,14 @@ pub struct Tile<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     waves: Vec<Wave>,
-    rows: Vec<[Row; 2]>,
+    rows: Vec<[ProfileRow; 2]>,
 }
 
 impl Scratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
-        let rows: usize = self.rows.iter().flatten().map(Row::bytes).sum();
-        self.waves.capacity() * size_of::<Wave>() + self.rows.capacity() * size_of::<[Row; 2]>() + rows
+        let rows: usize = self.rows.iter().flatten().map(ProfileRow::bytes).sum();
+        self.waves.capacity() * size_of::<Wave>() + self.rows.capacity() * size_of::<[ProfileRow; 2]>() + rows
     }
 }
 
@@ -122,7 +122,7 @@ impl StreakSet {
 
     /// Pixels that a kernel may touch: [left, top, right, bottom), or `None` for one that draws nothing: an
     /// unknown pattern, a number that is not finite, no length, no width or no direction.
-    pub fn bounds(&self, kernel: &Kernel) -> Option<[i32; 4]> {
+    pub fn bounds(&self, kernel: &StreakPlacement) -> Option<[i32; 4]> {
         let prepared = self.patterns.get(kernel.pattern as usize)?;
         let pose = Pose::new(kernel, prepared)?;
         let range = prepared.range();
@@ -153,7 +153,7 @@ impl StreakSet {
     ///
     /// Adding tile by tile gives the same values as adding to the whole frame, to single precision. Draws
     /// nothing where [`StreakSet::bounds`] says so.
-    pub fn add(&self, kernel: &Kernel, tile: &mut Tile, scratch: &mut Scratch) {
+    pub fn add(&self, kernel: &StreakPlacement, tile: &mut Tile, scratch: &mut Scratch) {
         let Some(bounds) = self.bounds(kernel) else { return };
         if tile.width == 0 {
             return;
@@ -180,14 +180,14 @@ impl StreakSet {
         let Scratch { waves, rows } = scratch;
         let cosines = prepared.cosines();
         match &prepared.light {
-            Light::Cosines(Cosines { frame: Frame::Edges(window), .. }) => {
+            PatternLight::Cosines(Cosines { frame: PatternFrame::Edges(window), .. }) => {
                 draw(&lines, &pose, cosines, &EdgeFrame::new(&self.edges, window, &pose), tile, waves);
             }
-            Light::Cosines(Cosines { frame: Frame::Profiles(profiles), .. }) => {
+            PatternLight::Cosines(Cosines { frame: PatternFrame::Profiles(profiles), .. }) => {
                 let rows = pose.fill_rows(std::slice::from_ref(profiles), rows);
                 draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
             }
-            Light::Products(products) => {
+            PatternLight::Products(products) => {
                 let rows = pose.fill_rows(products, rows);
                 draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
             }
@@ -196,7 +196,7 @@ impl StreakSet {
 }
 
 impl Pose {
-    fn new(kernel: &Kernel, prepared: &Prepared) -> Option<Self> {
+    fn new(kernel: &StreakPlacement, prepared: &Prepared) -> Option<Self> {
         let [x, y] = kernel.direction.map(f64::from);
         let norm = libm::sqrt(x * x + y * y);
         let (length, width) = (f64::from(kernel.length), f64::from(kernel.width));
@@ -220,7 +220,11 @@ impl Pose {
     }
 
     /// Profiles across and along, seen through this kernel's pixels. Rows of earlier kernels keep their memory.
-    fn fill_rows<'r>(&self, profiles: &[[Profile; 2]], rows: &'r mut Vec<[Row; 2]>) -> &'r [[Row; 2]] {
+    fn fill_rows<'r>(
+        &self,
+        profiles: &[[Profile; 2]],
+        rows: &'r mut Vec<[ProfileRow; 2]>,
+    ) -> &'r [[ProfileRow; 2]] {
         rows.resize_with(profiles.len().max(rows.len()), Default::default);
         let directions = [self.across, self.along].map(|axis| axis.map(f64::abs));
         for (row, profile) in rows.iter_mut().zip(profiles) {

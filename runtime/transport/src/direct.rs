@@ -16,7 +16,7 @@ pub use field::DirectField;
 use glam::DVec3;
 pub use rays::fibonacci;
 
-/// Optical depth after scaling beyond which a ray is given up: e^−30 is below single precision's reach of any sum.
+/// Optical depth after scaling beyond which a ray is given up: e^−30 is lost in any sum in single precision.
 const DARK: f32 = 30.0;
 /// Path through a periodic grid, in grid widths, beyond which a ray is given up.
 const MAX_WIDTHS: f64 = 4096.0;
