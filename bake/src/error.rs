@@ -2,6 +2,7 @@
 
 use squall_formats::ReadError;
 use squall_runtime::RuntimeError;
+use squall_runtime::transport::ArgumentError;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -134,6 +135,12 @@ pub fn io_exit_code(error: &std::io::Error) -> u8 {
     match error.kind() {
         std::io::ErrorKind::NotFound | std::io::ErrorKind::IsADirectory => 3,
         _ => 4,
+    }
+}
+
+impl From<ArgumentError> for BakeError {
+    fn from(error: ArgumentError) -> Self {
+        Self::Asset(error.into())
     }
 }
 

@@ -14,6 +14,7 @@ pub mod error;
 pub mod evaluate;
 pub mod fields;
 pub mod input;
+pub mod memory;
 pub mod monte_carlo;
 pub mod output;
 pub mod picture;

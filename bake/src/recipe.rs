@@ -12,7 +12,7 @@ mod view;
 use crate::error::BakeError;
 pub use crate::error::RecipeError;
 use crate::input::read_text;
-use crate::input::scene::read_scene;
+use crate::input::scene::scene_files;
 pub use clouds::parse_directions;
 pub use model::{Clouds, Rain, Recipe, VirtualLights};
 use squall_formats::section::view::ViewSection;
@@ -27,15 +27,14 @@ impl Recipe {
         let mut files: Vec<PathBuf> =
             std::iter::once(&self.file).chain(&self.town).chain(pictures).cloned().collect();
         if let Some(clouds) = &self.clouds {
-            files.push(clouds.scene.clone());
-            files.extend(read_scene(&clouds.scene, clouds.optics)?.inputs);
+            files.extend(scene_files(&clouds.scene)?);
         }
         Ok(files)
     }
 
     /// Reads and checks a recipe.
     pub fn read(path: &Path) -> Result<Self, BakeError> {
-        let text = read_text(path)?;
+        let text = read_text(path, "a recipe (TOML)")?;
         file::read(path, text)
     }
 }
@@ -45,5 +44,5 @@ impl Recipe {
 ///
 /// Errors: as for a recipe.
 pub fn read_view(path: &Path, strokes: &[String]) -> Result<ViewSection, BakeError> {
-    file::read_view(path, &read_text(path)?, strokes)
+    file::read_view(path, &read_text(path, "a view (TOML)")?, strokes)
 }

@@ -17,16 +17,18 @@ use crate::fields::Fields;
 use crate::progress::Progress;
 use crate::response::add_direct;
 use glam::DVec3;
-use rayon::prelude::*;
 use squall_formats::section::response::{DirectTerm, DirectionalBasis};
-use squall_formats::sphere::{self, MAX_HARMONICS};
+use squall_formats::sphere;
 use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
-use squall_runtime::flash::{self, DirectSettings};
+use squall_runtime::in_scattered::InScattered;
 use squall_runtime::live::{DirectCells, LiveLight, LiveSolver};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter, Relit};
-use squall_runtime::shade::cloud::{LitCloud, corners, direction_to};
-use squall_runtime::transport::Cloud;
+use squall_runtime::shade::cloud::direct::ExactDirect;
+use squall_runtime::shade::cloud::{
+    Cells, CloudMarch, MarchQuality, WideRay, between, corners, direction_to,
+};
+use squall_runtime::single_scatter::{self, DirectSettings};
 use squall_runtime::transport::direct::Light;
 use std::time::Instant;
 
@@ -86,15 +88,6 @@ pub struct LiveReport {
     pub residual: f64,
     /// Wall-clock seconds.
     pub seconds: f64,
-}
-
-/// Everything that a J in some direction is made of, per cell.
-#[derive(Clone)]
-struct LitCells<'a> {
-    rows: Relit<'a>,
-    live: Option<&'a LiveLight>,
-    /// J of direct light towards the eye, for what is not followed ray by ray.
-    direct: Vec<f32>,
 }
 
 /// Relights the asset's cloud by `lights`, as `camera` sees it; with `cells` the per-cell fields too.
@@ -167,7 +160,8 @@ pub fn relight(
 
     let mut fields = Fields::default();
     let rows = Relit { basis, frame, cells: cloud.shape.len(), planes: &planes };
-    let mut lit = LitCells { rows, live: live.as_ref().map(|(live, _)| live), direct: Vec::new() };
+    let live_coefficients = live.as_ref().map_or(&[][..], |(live, _)| &live.coefficients);
+    let mut lit = InScattered { rows, live: live_coefficients, direct: &[] };
     // Direct light of the lamps that the rows do not answer for, towards an orthographic camera.
     let cell_direct = (cells || !exact && !towards.is_empty()).then(|| {
         let mut sum = outside_direct.clone();
@@ -184,7 +178,7 @@ pub fn relight(
             strip(&mut bare);
             known.add(&solver.direct(&virtual_lights, &[], SAMPLES_OF_ROWS));
         }
-        let bare = LitCells { rows: Relit { planes: &bare, ..rows }, direct: Vec::new(), ..lit };
+        let bare = InScattered { rows: Relit { planes: &bare, ..rows }, ..lit };
         // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
         let known_cells = relighter.known_cells();
         let known_in = |cell: usize, value: f32| if known_cells[cell] { value } else { 0.0 };
@@ -193,7 +187,8 @@ pub fn relight(
         fields.phi_scattered = scattered.collect::<Vec<f32>>().into();
         fields.phi_direct = known.unscattered.into();
         if let Some(&towards) = towards.first() {
-            let mut j = lit.towards(cloud, |_| towards);
+            let mut j = vec![0.0; cloud.shape.len()];
+            lit.towards_each(cloud, |_, _| towards, &mut j);
             j.iter_mut().zip(&direct.towards).for_each(|(sum, value)| *sum += value);
             j.iter_mut().enumerate().for_each(|(cell, value)| *value = known_in(cell, *value));
             fields.towards.push((name.to_owned(), j.into()));
@@ -204,19 +199,15 @@ pub fn relight(
         }
     }
 
-    let lights: Vec<Light> = rays
-        .iter()
-        .filter(|_| exact)
-        .map(|light| Light::Point { position: light.position, intensity: light.intensity })
-        .collect();
-    if !exact {
-        lit.direct = match cell_direct {
-            Some(direct) if !towards.is_empty() => direct.towards,
-            _ => towards_viewer(relighter, rays, camera),
-        };
-    }
+    let lights: Vec<Light> = rays.iter().filter(|_| exact).map(|&light| light.into()).collect();
+    let direct = match cell_direct {
+        _ if exact => Vec::new(),
+        Some(direct) if !towards.is_empty() => direct.towards,
+        _ => towards_viewer(relighter, rays, camera),
+    };
+    lit.direct = &direct;
     progress.begin("image", u64::from(camera.height));
-    let image = look(relighter, &lit, &lights, camera, progress)?;
+    let image = picture(relighter, &lit, &lights, camera, progress)?;
     // A codec's error may leave a dark pixel below zero; radiance is not.
     let image: Vec<f32> = image.into_iter().map(|value| value.max(0.0)).collect();
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
@@ -253,104 +244,52 @@ fn solve_outside(
 /// J of direct light towards a perspective camera, mean per cell.
 fn towards_viewer(relighter: &Relighter<'_>, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
     let cloud = relighter.cloud();
-    let view_region: Vec<[f32; 3]> = (0..cloud.shape.len())
+    let to_viewer: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
         .collect();
     let [fewest, most] = CELL_RAYS_PER_LIGHT;
     let rays_per_point = (CELL_RAYS / lights.len().max(1)).clamp(fewest, most) as u32;
     let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
     let mut j = vec![0.0; cloud.shape.len()];
-    flash::add_direct(cloud, relighter.extinction_scale(), lights, &view_region, settings, &mut j);
+    single_scatter::add_direct(cloud, relighter.extinction_scale(), lights, &to_viewer, settings, &mut j);
     j
 }
 
 /// The picture: radiance per pixel.
-fn look(
+fn picture(
     relighter: &Relighter<'_>,
-    lit: &LitCells<'_>,
+    lit: &InScattered<'_>,
     lights: &[Light],
     camera: &Camera,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
     let cloud = relighter.cloud();
-    let shown = LitCloud {
-        cloud,
-        exact: lights,
-        extinction_scale: relighter.extinction_scale(),
-        longest_step: shortest(cloud.cell_m),
-    };
-    // Light towards eyes alone is that of each cell towards this one.
+    let exact = ExactDirect { lights, extinction_scale: relighter.extinction_scale() };
+    let march =
+        CloudMarch::new(cloud, Cells, MarchQuality::measured(shortest(cloud.cell_m))).with_exact(exact);
+    // Light towards a view region alone is that of each cell towards this viewpoint.
     let for_view_region = matches!(lit.rows.basis, DirectionalBasis::ViewRegion { .. });
     let even = match camera.projection {
         Projection::Perspective { .. } if !for_view_region => None,
         _ => {
-            let mut j = lit.towards(cloud, |cell| direction_to(camera, cell));
-            j.iter_mut().zip(&lit.direct).for_each(|(sum, value)| *sum += value);
+            let mut j = vec![0.0; cloud.shape.len()];
+            lit.towards_each(cloud, |_, middle| direction_to(camera, middle), &mut j);
             Some(j)
         }
     };
     Sampling::new(camera, cloud, lights).picture(progress, |x, y, width| {
-        let ray = camera.ray(x, y);
-        let sum = |point: DVec3, value: &dyn Fn(usize) -> f32| -> f32 {
-            corners(cloud, point).iter().map(|&(cell, weight)| weight * value(cell)).sum()
-        };
+        let ray = WideRay::new(camera.ray(x, y), camera.projection, width);
         match &even {
-            Some(j) => shown.look(ray, camera.projection, width, |point| sum(point, &|cell| j[cell])),
+            Some(j) => march.march(&ray, |point| f64::from(between(cloud, j, point))),
             None => {
-                let factors = lit.factors(-ray.direction);
-                let value = |cell: usize| {
-                    lit.value(cell, &factors) + lit.direct.get(cell).copied().unwrap_or_default()
-                };
-                shown.look(ray, camera.projection, width, |point| sum(point, &value))
+                let factors = lit.factors(DVec3::ZERO, -ray.ray.direction);
+                march.march(&ray, |point| {
+                    let corners = corners(cloud, point).into_iter();
+                    let sum: f32 = corners.map(|(cell, weight)| weight * lit.value(cell, &factors)).sum();
+                    f64::from(sum)
+                })
             }
         }
         .radiance
     })
-}
-
-/// What turns planes and live coefficients into J in one direction; planes that do not count are left out.
-struct Factors {
-    planes: Vec<(usize, f32)>,
-    live: [f32; MAX_HARMONICS],
-}
-
-impl LitCells<'_> {
-    /// For every cell, where channels mean the same in each.
-    fn factors(&self, towards: DVec3) -> Factors {
-        self.factors_at(DVec3::ZERO, towards)
-    }
-
-    fn factors_at(&self, cell_m: DVec3, towards: DVec3) -> Factors {
-        let mut all = Vec::new();
-        self.rows.factors(cell_m, towards, &mut all);
-        let planes = all.into_iter().enumerate().filter(|(_, factor)| *factor != 0.0).collect();
-        Factors { planes, live: sphere::harmonics(towards.to_array()).map(|v| v as f32) }
-    }
-
-    /// J of rows and live light in one cell.
-    fn value(&self, cell: usize, factors: &Factors) -> f32 {
-        let Relit { cells, planes, .. } = self.rows;
-        let rows: f32 = factors.planes.iter().map(|(plane, f)| f * planes[plane * cells + cell]).sum();
-        let live = self.live.map_or(0.0, |live| {
-            let row = &live.coefficients[cell * MAX_HARMONICS..][..MAX_HARMONICS];
-            row.iter().zip(&factors.live).map(|(a, b)| a * b).sum()
-        });
-        rows + live
-    }
-
-    /// J of rows and live light in every cell, in a direction that may depend on the cell's middle.
-    fn towards(&self, cloud: &Cloud, direction: impl Fn(DVec3) -> DVec3 + Sync) -> Vec<f32> {
-        let one = |cell: usize| {
-            let middle = cloud.centre(cloud.shape.cell(cell));
-            self.value(cell, &self.factors_at(middle, direction(middle)))
-        };
-        (0..self.rows.cells).into_par_iter().map(one).collect()
-    }
-
-    /// Fluence rate of rows and live light in one cell.
-    fn fluence(&self, cell: usize) -> f32 {
-        let rows = self.rows.fluence(cell).unwrap_or_default();
-        let live = self.live.map_or(0.0, |live| live.coefficients[cell * MAX_HARMONICS]);
-        rows + live * libm::sqrtf(4.0 * std::f32::consts::PI)
-    }
 }

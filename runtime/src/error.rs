@@ -1,6 +1,7 @@
 //! What the runtime can refuse.
 
 use squall_formats::{ReadError, Tag};
+use squall_transport::ArgumentError;
 use std::path::PathBuf;
 
 /// Why an asset could not be opened, or a call on it could not be answered.
@@ -43,5 +44,11 @@ impl RuntimeError {
     /// An [`RuntimeError::Argument`].
     pub fn argument(field: &'static str, wanted: impl Into<String>, found: impl ToString) -> Self {
         Self::Argument { field, wanted: wanted.into(), found: found.to_string() }
+    }
+}
+
+impl From<ArgumentError> for RuntimeError {
+    fn from(error: ArgumentError) -> Self {
+        Self::Argument { field: error.field, wanted: error.wanted, found: error.found }
     }
 }

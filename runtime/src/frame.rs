@@ -18,7 +18,7 @@ use crate::load::Asset;
 use crate::picture::Picture;
 use crate::rain::{Environment as Surroundings, Rain, Workspace};
 use crate::relight::{RelightBuffers, Relighter};
-use crate::shade::cloud::march::{CloudShape, CloudView, MarchedCloud};
+use crate::shade::cloud::{CloudPicture, CloudShape, CloudView};
 use crate::shade::detail::{Detail, DetailParameters};
 use crate::shade::environment::{Environment, Window};
 use crate::shade::sky::{Sky, SkyParameters};
@@ -204,13 +204,13 @@ impl<'a> Storm<'a> {
         let billow = (view.detail.amplitude > 0.0).then_some(view.detail.size_m as f32);
         let marched = |cells| {
             let (relighter, shape) = self.cloud.as_ref()?;
-            Some(MarchedCloud { cloud: relighter.cloud(), shape, cells, detail, billow })
+            Some(CloudPicture::new(relighter.cloud(), shape, cells, detail, billow))
         };
         let cloud = marched(memory.cells.as_slice());
         let beyond = |ray: &Ray| {
             let mut light = sky.radiance(ray.direction.as_vec3());
             if let Some(cloud) = &cloud {
-                cover(&mut light, cloud.look(ray), sky);
+                cover(&mut light, cloud.march(ray), sky);
             }
             light
         };

@@ -17,6 +17,7 @@
 use crate::camera::{Camera, Projection, Ray};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
+use crate::parallel::prelude::*;
 use crate::phase::{henyey_greenstein, paper_henyey_greenstein};
 use crate::picture::Picture;
 use crate::rain::{RainVolume, Shot};
@@ -241,14 +242,8 @@ impl Medium {
                 *transmittance = left;
             }
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            let rows = picture.pixels.par_chunks_mut(width).zip(transmittance.par_chunks_mut(width));
-            rows.enumerate().for_each(row);
-        }
-        #[cfg(not(feature = "rayon"))]
-        picture.pixels.chunks_mut(width).zip(transmittance.chunks_mut(width)).enumerate().for_each(row);
+        let rows = picture.pixels.par_chunks_mut(width).zip(transmittance.par_chunks_mut(width));
+        rows.enumerate().for_each(row);
         Ok(())
     }
 }

@@ -33,6 +33,7 @@ mod window;
 use crate::camera::{Camera, Projection};
 use crate::density::check_view;
 use crate::error::RuntimeError;
+use crate::parallel::prelude::*;
 use glam::DVec3;
 use search::{Frame, Search};
 use squall_formats::drops::View;
@@ -223,13 +224,7 @@ impl Rain {
                 search.scan_layer(&frame, layer, &mut task.found);
             }
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            tasks.par_iter_mut().for_each(run);
-        }
-        #[cfg(not(feature = "rayon"))]
-        tasks.iter_mut().for_each(run);
+        tasks.par_iter_mut().for_each(run);
         for task in tasks.iter() {
             streaks.extend_from_slice(&task.found);
         }
@@ -256,8 +251,10 @@ impl Rain {
         // Steps of a fifth: near enough for a hint.
         let longer = (1..60).map(|step| shot.min_px * libm::pow(1.2, f64::from(step)));
         match longer.take_while(|px| *px < shot.max_px).find(|px| possible(*px)) {
-            Some(px) => format!("raise min_px to {px:.0}, shorten the exposure or widen the lens"),
-            None => "raise min_px and max_px, shorten the exposure or widen the lens".into(),
+            Some(px) => {
+                format!("raise the shortest of streak_px to {px:.0}, shorten the exposure or widen the lens")
+            }
+            None => "raise both ends of streak_px, shorten the exposure or widen the lens".into(),
         }
     }
 

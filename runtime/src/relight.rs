@@ -17,16 +17,8 @@ use squall_formats::section::response::{
 };
 use squall_formats::sphere;
 use squall_formats::view_region::{ViewRegion, ViewRegionFrame};
+pub use squall_transport::PointLight;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// A point of light on a stroke.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PointLight {
-    /// Where, m.
-    pub position: DVec3,
-    /// Radiant intensity, the same in every direction, W/sr.
-    pub intensity: f64,
-}
 
 /// A virtual source's row and the intensity that a stroke gives it, W/sr.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,7 +116,7 @@ impl<'a> Relighter<'a> {
         self.response.head.direct
     }
 
-    /// Extinction after delta scaling over extinction before: what [`crate::flash::add_direct`] needs to know.
+    /// Extinction after delta scaling over extinction before: what [`crate::single_scatter::add_direct`] needs to know.
     pub fn extinction_scale(&self) -> f64 {
         self.response.head.solver.extinction_scale
     }

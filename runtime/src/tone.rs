@@ -5,6 +5,7 @@
 
 pub mod glow;
 
+use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use glow::Glow;
 
@@ -105,13 +106,7 @@ impl Tone {
         let tamed = Picture { width: picture.width, height: picture.height, pixels: tamed };
         let mut pixels = self.glow.spread(&tamed).pixels;
         let develop = |pixel: &mut [f32; 3]| *pixel = self.curve(*pixel).map(srgb_from_linear);
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            pixels.par_iter_mut().with_min_len(4096).for_each(develop);
-        }
-        #[cfg(not(feature = "rayon"))]
-        pixels.iter_mut().for_each(develop);
+        pixels.par_iter_mut().with_min_len(4096).for_each(develop);
         pixels
     }
 

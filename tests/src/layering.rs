@@ -1,4 +1,4 @@
-//! Dependencies run one way: formats ← runtime ← bake; and what the runtime drags along is little.
+//! Dependencies run one way: formats ← transport ← runtime ← bake; and what the runtime drags along is little.
 
 use crate::{root, skip};
 use serde_json::Value;
@@ -7,7 +7,10 @@ use std::process::Command;
 
 /// What the runtime needs at most, everything optional included.
 const RUNTIME_NEEDS: [&str; 8] =
-    ["bytemuck", "fearless_simd", "glam", "libm", "memmap2", "rayon", "squall-formats", "thiserror"];
+    ["bytemuck", "glam", "libm", "memmap2", "rayon", "squall-formats", "squall-transport", "thiserror"];
+/// The same of light transport in clouds.
+const TRANSPORT_NEEDS: [&str; 7] =
+    ["bytemuck", "fearless_simd", "glam", "libm", "rayon", "squall-formats", "thiserror"];
 /// What the formats need.
 const FORMATS_NEEDS: [&str; 7] = ["bincode", "bytemuck", "crc32fast", "glam", "libm", "serde", "thiserror"];
 
@@ -66,7 +69,7 @@ fn needs<'a>(workspace: &'a Value, name: &str, dev: bool) -> Vec<&'a str> {
 }
 
 #[test]
-fn dependencies_run_from_bake_to_runtime_to_formats_and_never_back() {
+fn dependencies_run_from_bake_to_runtime_to_transport_to_formats_and_never_back() {
     let workspace = metadata(&["--no-deps"]);
     let own = |name: &str| -> Vec<&str> {
         let mut names = needs(&workspace, name, true);
@@ -74,17 +77,47 @@ fn dependencies_run_from_bake_to_runtime_to_formats_and_never_back() {
         names
     };
     assert_eq!(own("squall-formats"), [""; 0]);
-    assert_eq!(own("squall-runtime"), ["squall-formats"]);
+    assert_eq!(own("squall-transport"), ["squall-formats"]);
+    assert_eq!(own("squall-runtime"), ["squall-formats", "squall-transport"]);
     assert_eq!(own("squall-bake"), ["squall-formats", "squall-runtime"]);
     assert_eq!(own("squall-tests"), ["squall-bake", "squall-formats", "squall-runtime"]);
-    assert_eq!(workspace["packages"].as_array().unwrap().len(), 4);
+    assert_eq!(workspace["packages"].as_array().unwrap().len(), 5);
 }
 
 #[test]
 fn what_the_runtime_needs_is_few_and_named_here() {
     let workspace = metadata(&["--no-deps"]);
     assert_eq!(needs(&workspace, "squall-runtime", false), RUNTIME_NEEDS);
+    assert_eq!(needs(&workspace, "squall-transport", false), TRANSPORT_NEEDS);
     assert_eq!(needs(&workspace, "squall-formats", false), FORMATS_NEEDS);
+}
+
+#[test]
+fn a_runtime_that_only_reads_and_shades_is_built_without_the_solver() {
+    // The names of all crates that are compiled for the runtime with these features.
+    let built = |features: &[&str]| -> String {
+        let output = cargo()
+            .args([
+                "tree",
+                "--locked",
+                "--offline",
+                "-p",
+                "squall-runtime",
+                "--edges",
+                "normal",
+                "--prefix",
+                "none",
+            ])
+            .args(features)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    for features in [&[][..], &["--no-default-features"]] {
+        assert!(!built(features).contains("fearless_simd"), "{features:?}");
+    }
+    assert!(built(&["--features", "live"]).contains("fearless_simd"));
 }
 
 #[test]

@@ -9,7 +9,8 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use squall_formats::sphere::MAX_HARMONICS;
 use squall_runtime::camera::{Camera, Projection};
-use squall_runtime::shade::cloud::{LitCloud, RayWidth, between, corners};
+use squall_runtime::shade::cloud::direct::ExactDirect;
+use squall_runtime::shade::cloud::{Cells, CloudMarch, MarchQuality, RayWidth, WideRay, between, corners};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 
@@ -30,31 +31,32 @@ pub fn solve_image(truth: &Truth, camera: &Camera, progress: &dyn Progress) -> R
     // Extinction is that of the scene's own cells, which are fewer to pass than the solve grid's.
     let (cloud, extinction_scale) = (&truth.cloud, truth.extinction_scale);
     let longest_step = shortest(truth.fine.cell_m);
-    let lit = LitCloud { cloud, exact: &exact, extinction_scale, longest_step };
+    let march = CloudMarch::new(cloud, Cells, MarchQuality::measured(longest_step))
+        .with_exact(ExactDirect { lights: &exact, extinction_scale });
     let sampling = Sampling::new(camera, cloud, &exact);
     match camera.projection {
         Projection::Orthographic { .. } => {
             let weights = scattering_weights(cloud.g, -camera.forward);
             let j: Vec<f32> = truth.moments.iter().map(|row| dot(row, &weights)).collect();
             sampling.picture(progress, |x, y, width| {
-                let j = |point| between(&truth.fine, &j, point);
-                lit.look(camera.ray(x, y), camera.projection, width, j).radiance
+                let ray = WideRay::new(camera.ray(x, y), camera.projection, width);
+                march.march(&ray, |point| f64::from(between(&truth.fine, &j, point))).radiance
             })
         }
         // Towards an eye nearby, or inside the cloud, light in one cell goes many ways: each ray takes its own.
         Projection::Perspective { .. } => sampling.picture(progress, |x, y, width| {
             let ray = camera.ray(x, y);
             let weights = scattering_weights(cloud.g, -ray.direction);
-            let j = |point: DVec3| -> f32 {
+            let j = |point: DVec3| -> f64 {
                 let mut row = [0.0f32; MAX_HARMONICS];
                 for (cell, weight) in corners(&truth.fine, point) {
                     for (sum, value) in row.iter_mut().zip(&truth.moments[cell]) {
                         *sum += weight * value;
                     }
                 }
-                dot(&row, &weights)
+                f64::from(dot(&row, &weights))
             };
-            lit.look(ray, camera.projection, width, j).radiance
+            march.march(&WideRay::new(ray, camera.projection, width), j).radiance
         }),
     }
 }
@@ -93,14 +95,14 @@ impl<'a> Sampling<'a> {
         Self { camera, per_edge, lights: lights.iter().filter_map(place).collect() }
     }
 
-    /// Means over pixels of `look(x, y, width)`, the radiance at a place of the picture for a ray of that width. Rows run in
+    /// Means over pixels of `radiance(x, y, width)`, the radiance at a place of the picture for a ray of that width. Rows run in
     /// parallel.
     ///
     /// Errors: an interruption.
     pub fn picture(
         &self,
         progress: &dyn Progress,
-        look: impl Fn(f64, f64, RayWidth) -> f64 + Sync,
+        radiance: impl Fn(f64, f64, RayWidth) -> f64 + Sync,
     ) -> Result<Vec<f32>, BakeError> {
         let (columns, rows) = (self.camera.width as usize, self.camera.height as usize);
         let rows: Vec<Vec<f32>> = (0..rows)
@@ -109,7 +111,7 @@ impl<'a> Sampling<'a> {
                 progress.check()?;
                 let pixel = |x: usize| {
                     let corner = DVec2::new(x as f64, y as f64);
-                    self.mean(corner, 0, &look) as f32
+                    self.mean(corner, 0, &radiance) as f32
                 };
                 let row = (0..columns).map(pixel).collect();
                 progress.advance(1);
@@ -120,19 +122,19 @@ impl<'a> Sampling<'a> {
     }
 
     /// Mean over a square of 2^−depth pixels an edge; what is near a lamp, for its size, is halved and halved again.
-    fn mean(&self, corner: DVec2, depth: u32, look: &impl Fn(f64, f64, RayWidth) -> f64) -> f64 {
+    fn mean(&self, corner: DVec2, depth: u32, radiance: &impl Fn(f64, f64, RayWidth) -> f64) -> f64 {
         let edge = 1.0 / f64::from(1u32 << depth);
         let away = |light: &DVec2| (corner - *light).max(*light - corner - edge).max_element();
         if depth < DEEPEST && self.lights.iter().any(|light| away(light) < 0.5 * edge) {
             let quarter = |at: usize| corner + 0.5 * edge * DVec2::new((at % 2) as f64, (at / 2) as f64);
-            return 0.25 * (0..4).map(|at| self.mean(quarter(at), depth + 1, look)).sum::<f64>();
+            return 0.25 * (0..4).map(|at| self.mean(quarter(at), depth + 1, radiance)).sum::<f64>();
         }
         let per_edge = if depth == 0 { self.per_edge } else { PER_PART.max(self.per_edge >> depth) };
         let width = RayWidth::of(self.camera, edge / per_edge as f64);
         let count = per_edge * per_edge;
         let ray = |ray: usize| {
             let place = corner + edge * lattice(ray, count);
-            look(place.x, place.y, width)
+            radiance(place.x, place.y, width)
         };
         (0..count).map(ray).sum::<f64>() / count as f64
     }

@@ -29,8 +29,7 @@ pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOu
     let Some(clouds) = &recipe.clouds else { return Ok(StageOutput::default()) };
     let clock = Clock::start();
     let scene = read_scene(&clouds.scene, clouds.optics)?;
-    let files = std::iter::once(&clouds.scene).chain(&scene.inputs);
-    let inputs = files.map(|path| input_record(recipe, path)).collect::<Result<_, _>>()?;
+    let inputs = scene.inputs.iter().map(|input| input_record(recipe, input)).collect();
     let [nx, ny, nz] = scene.cloud.shape.to_array();
     let made = format!("{nx} × {ny} × {nz} cells");
     let mut grid = clock.report("cloud grid", made, 0, "as given".into());

@@ -1,6 +1,6 @@
 //! What a stage hands over.
 
-use crate::error::BakeError;
+use crate::input::Fingerprint;
 use crate::recipe::model::Recipe;
 use squall_formats::container::OutSection;
 use squall_formats::section::provenance::{BudgetRecord, InputRecord};
@@ -59,12 +59,9 @@ impl Clock {
     }
 }
 
-/// A file's length and hash under the name that the recipe gives it.
-///
-/// Errors: a file that cannot be read.
-pub(super) fn input_record(recipe: &Recipe, path: &Path) -> Result<InputRecord, BakeError> {
-    let bytes = std::fs::read(path).map_err(BakeError::io(path, "read"))?;
+/// A file, as it was when it was read, under the name that the recipe gives it.
+pub(super) fn input_record(recipe: &Recipe, input: &Fingerprint) -> InputRecord {
     let folder = recipe.file.parent().unwrap_or(Path::new(""));
-    let name = path.strip_prefix(folder).unwrap_or(path).display().to_string();
-    Ok(InputRecord { name, bytes: bytes.len() as u64, hash: *blake3::hash(&bytes).as_bytes() })
+    let name = input.path.strip_prefix(folder).unwrap_or(&input.path).display().to_string();
+    InputRecord { name, bytes: input.bytes, hash: input.hash }
 }

@@ -2,7 +2,8 @@
 
 use super::stage::{Clock, StageOutput, input_record};
 use crate::error::BakeError;
-use crate::input::town::read_town;
+use crate::input::json::read_text_input;
+use crate::input::town::town_of;
 use crate::recipe::model::Recipe;
 use squall_formats::section::bolt::BoltSection;
 
@@ -12,8 +13,9 @@ use squall_formats::section::bolt::BoltSection;
 pub(super) fn town(recipe: &Recipe) -> Result<StageOutput, BakeError> {
     let Some(path) = &recipe.town else { return Ok(StageOutput::default()) };
     let clock = Clock::start();
-    let town = read_town(path)?;
-    let inputs = vec![input_record(recipe, path)?];
+    let input = read_text_input(path)?;
+    let town = town_of(&input)?;
+    let inputs = vec![input_record(recipe, &input.fingerprint())];
     let made = format!("{} blocks, {} street lamps", town.blocks.len(), town.lamps.len());
     let section = town.write();
     let report = clock.report("town", made, section.length(), "as given".into());

@@ -156,7 +156,7 @@ impl CloudsFile {
         let optics = Optics {
             albedo: source.optional("clouds.albedo", &self.albedo, [0.0, 1.0], "")?,
             g: source.optional("clouds.g", &self.g, [-0.999, 0.999], "")?,
-            kappa_per_m: source.optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 100.0], "1/m")?,
+            kappa_per_m: source.optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 1e12], "1/m")?,
         };
         let keys = self.keys(source)?;
         let budget = self.budget.check(source)?;

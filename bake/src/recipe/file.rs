@@ -6,6 +6,7 @@ use super::place::Source;
 use super::view::ViewFile;
 use crate::error::{BakeError, RecipeError};
 use crate::input::scene::beside;
+use crate::input::without_mark;
 use serde::Deserialize;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::density::Ranges;
@@ -66,6 +67,7 @@ struct DensityFile {
 #[serde(deny_unknown_fields, default)]
 struct StreaksFile {
     pictures: Option<Vec<Spanned<PathBuf>>>,
+    layer: Option<String>,
     method: Option<Spanned<String>>,
     cosines: Option<Number>,
     psnr_db: Option<Number>,
@@ -93,8 +95,8 @@ struct StrokeFile {
 
 /// Reads a recipe's text.
 pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
-    let source = Source { file: path, text: &text };
-    let file: RecipeFile = toml::from_str(&text).map_err(|error| source.refused_text(&error))?;
+    let source = Source { file: path, text: without_mark(&text) };
+    let file: RecipeFile = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;
     let has_strokes = !file.strokes.is_empty();
     let clouds = file.clouds.map(|clouds| clouds.check(has_strokes, &source)).transpose()?;
     let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
@@ -168,8 +170,8 @@ fn check_view(
 
 /// Reads a file that holds a view alone.
 pub(super) fn read_view(path: &Path, text: &str, strokes: &[String]) -> Result<ViewSection, BakeError> {
-    let source = Source { file: path, text };
-    let file: ViewAlone = toml::from_str(text).map_err(|error| source.refused_text(&error))?;
+    let source = Source { file: path, text: without_mark(text) };
+    let file: ViewAlone = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;
     Ok(check_view(file.view, &source, strokes)?)
 }
 
@@ -244,7 +246,15 @@ impl Source<'_> {
         if path.is_file() {
             return Ok(path);
         }
-        Err(self.error(name.span(), field, "a file", format!("{}, which is not there", path.display())))
+        let why = match std::fs::metadata(&path) {
+            Ok(metadata) if metadata.is_dir() => "a folder",
+            Ok(_) => "neither a file nor a folder",
+            Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => {
+                "out of reach (no permission)"
+            }
+            Err(_) => "not there",
+        };
+        Err(self.error(name.span(), field, "a file", format!("{}, which is {why}", path.display())))
     }
 
     pub(super) fn directions(&self, value: &Spanned<String>) -> Result<Quadrature, RecipeError> {
@@ -334,7 +344,15 @@ impl RainFile {
         // What is said outright overrides the budget.
         let psnr_db = psnr_db.filter(|_| streaks.cosines.is_none());
         let method_given = streaks.method.is_some();
-        Ok(Rain { pictures, fit: FitSettings { method, cosines }, psnr_db, method_given, density: spec })
+        let layer = streaks.layer.clone();
+        Ok(Rain {
+            pictures,
+            layer,
+            fit: FitSettings { method, cosines },
+            psnr_db,
+            method_given,
+            density: spec,
+        })
     }
 }
 

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 pub struct Recipe {
     /// The recipe's own file.
     pub file: PathBuf,
-    /// Its text, hashed into the asset's provenance.
+    /// Its text as it was read, hashed into the asset's provenance.
     pub text: String,
     /// A cloud lit by lightning.
     pub clouds: Option<Clouds>,
@@ -75,6 +75,8 @@ pub struct VirtualLights {
 pub struct Rain {
     /// Pictures of streaks, in order.
     pub pictures: Vec<PathBuf>,
+    /// Layer of the pictures, which are then all OpenEXR.
+    pub layer: Option<String>,
     /// How to fit them.
     pub fit: FitSettings,
     /// PSNR that every pattern is to have, dB; method and number of cosines are then chosen picture by

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use squall_formats::haar::Haar;
 use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere::{self, MAX_HARMONICS, degree_of};
-use squall_runtime::flash::{self, DirectSettings};
 use squall_runtime::relight::PointLight;
+use squall_runtime::single_scatter::{self, DirectSettings};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
@@ -236,7 +236,7 @@ impl<'a> RowSolver<'a> {
         let Some(to_viewers) = &self.to_viewers else { return Vec::new() };
         let mut j = vec![0.0; to_viewers.len()];
         let scale = self.solver.scaled().extinction_scale;
-        flash::add_direct(self.cloud, scale, lights, to_viewers, DirectSettings::default(), &mut j);
+        single_scatter::add_direct(self.cloud, scale, lights, to_viewers, DirectSettings::default(), &mut j);
         j
     }
 

@@ -3,12 +3,12 @@
 use super::{Flash, FrameMemory, FrameReport};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
-use crate::flash::{DirectSettings, add_direct};
+use crate::in_scattered::InScattered;
 use crate::relight::{PointLight, RelightOptions, Relighter, Relit};
-use crate::shade::cloud::direction_to;
-use crate::shade::cloud::march::MarchedCloud;
+use crate::shade::cloud::{CloudPicture, direction_to};
 use crate::shade::sky::Sky;
 use crate::shade::town::light::GlowLight;
+use crate::single_scatter::{DirectSettings, add_direct};
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::section::response::{DirectTerm, DistantKind};
@@ -32,6 +32,10 @@ pub fn light_cells(
     let view_region: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|i| direction_to(camera, cloud.centre(cloud.shape.cell(i))).as_vec3().to_array())
         .collect();
+    let towards_each = |relit: Relit<'_>, j: &mut [f32]| {
+        let towards = |cell: usize, _: DVec3| Vec3::from_array(view_region[cell]).as_dvec3();
+        InScattered::of(relit).towards_each(cloud, towards, j);
+    };
     let mut light: Vec<Vec3> = vec![Vec3::ZERO; view_region.len()];
     let mut j = vec![0.0f32; view_region.len()];
     for group in flashes.chunk_by(|a, b| a.record.color == b.record.color) {
@@ -45,7 +49,7 @@ pub fn light_cells(
         }
         let sources = relighter.weigh(&lights, &mut memory.relight)?.len();
         let relit = relighter.relight(&lights, RelightOptions::default(), &mut memory.relight)?;
-        towards(&relit, cloud, &view_region, &mut j);
+        towards_each(relit, &mut j);
         if relighter.direct() == DirectTerm::AtRunTime {
             let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
             add_direct(cloud, relighter.extinction_scale(), &lights, &view_region, settings, &mut j);
@@ -58,36 +62,13 @@ pub fn light_cells(
     with_extinction(cloud, &light, &mut memory.flash_cells);
     for kind in relighter.response().head.distant.iter().map(|source| source.kind) {
         let Some(relit) = relighter.distant(kind, &mut memory.relight)? else { continue };
-        towards(&relit, cloud, &view_region, &mut j);
+        towards_each(relit, &mut j);
         let colours = distant_colours(cloud, sky, kind);
         light.iter_mut().zip(&j).zip(&colours).for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
     }
     with_extinction(cloud, &light, &mut memory.cells);
     Ok(report)
 }
-
-/// J of relit channels in each cell's own direction to the eye.
-fn towards(relit: &Relit<'_>, cloud: &Cloud, view_region: &[[f32; 3]], j: &mut [f32]) {
-    let piece = |(start, part): (usize, &mut [f32])| {
-        let mut factors = Vec::new();
-        for (i, value) in part.iter_mut().enumerate() {
-            let cell = start * PIECE + i;
-            let middle = cloud.centre(cloud.shape.cell(cell));
-            relit.factors(middle, Vec3::from_array(view_region[cell]).as_dvec3(), &mut factors);
-            *value = relit.value(cell, &factors);
-        }
-    };
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        j.par_chunks_mut(PIECE).enumerate().for_each(piece);
-    }
-    #[cfg(not(feature = "rayon"))]
-    j.chunks_mut(PIECE).enumerate().for_each(piece);
-}
-
-/// Cells that one thread takes at a time.
-const PIECE: usize = 4096;
 
 fn with_extinction(cloud: &Cloud, light: &[Vec3], cells: &mut Vec<Vec4>) {
     cells.clear();
@@ -124,7 +105,7 @@ fn distant_colours(cloud: &Cloud, sky: &Sky, kind: DistantKind) -> Vec<Vec3> {
 }
 
 /// The lit cloud as one light on the town: a ball with the irradiance, direction and spread that rays from `eye` measure.
-pub fn glow_of(cloud: &MarchedCloud<'_>, eye: DVec3) -> Vec<GlowLight> {
+pub fn glow_of(cloud: &CloudPicture<'_>, eye: DVec3) -> Vec<GlowLight> {
     let [columns, rows] = GLOW_RAYS;
     let (mut flux, mut sum, mut moment, mut away) = (Vec3::ZERO, 0.0f32, Vec3::ZERO, 0.0f32);
     for row in 0..rows {
@@ -133,7 +114,7 @@ pub fn glow_of(cloud: &MarchedCloud<'_>, eye: DVec3) -> Vec<GlowLight> {
         for column in 0..columns {
             let (sin, cos) = libm::sincos(std::f64::consts::TAU * (column as f64 + 0.5) / columns as f64);
             let direction = DVec3::new(level * cos, level * sin, rise);
-            let view = cloud.look(&Ray { origin: eye, direction });
+            let view = cloud.march(&Ray { origin: eye, direction });
             let radiance = Vec3::from_array(view.radiance);
             let weight = radiance.element_sum();
             flux += radiance;

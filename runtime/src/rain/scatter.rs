@@ -6,6 +6,7 @@ use super::{Light, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
+use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use std::any::Any;
 
@@ -144,17 +145,8 @@ impl Workspace {
                 brush.apply(tile, size[0], pixels, mask);
             }
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            let pixels = picture.pixels.par_chunks_mut(rows);
-            bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
-        }
-        #[cfg(not(feature = "rayon"))]
-        {
-            let pixels = picture.pixels.chunks_mut(rows);
-            bands.iter_mut().zip(pixels).zip(mask.chunks_mut(rows)).enumerate().for_each(paint);
-        }
+        let pixels = picture.pixels.par_chunks_mut(rows);
+        bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
         Ok(())
     }
 }
@@ -218,14 +210,8 @@ impl Canvas {
             *radiance = scene.light.radiance(&ray, distance);
             *tiles = tiles_of(scene.kernel, &footprint, grid);
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            let out = self.radiance.par_iter_mut().zip(&mut self.boxes);
-            out.zip(streaks).for_each(prepare);
-        }
-        #[cfg(not(feature = "rayon"))]
-        self.radiance.iter_mut().zip(&mut self.boxes).zip(streaks).for_each(prepare);
+        let out = self.radiance.par_iter_mut().zip(&mut self.boxes);
+        out.zip(streaks).for_each(prepare);
     }
 
     /// Counting sort: streaks into tiles, in the order of the list within each tile.

@@ -3,6 +3,7 @@
 //! Marching a cloud for every mirrored ray would cost more than the picture itself; a few ten thousand rays into a
 //! window of azimuth and elevation, read back bilinearly, cost little and blur nothing that ripples leave sharp.
 
+use crate::parallel::prelude::*;
 use glam::Vec3;
 use squall_formats::units::Radians;
 
@@ -39,13 +40,7 @@ impl Environment {
                 *pixel = radiance(Vec3::new((level * cos) as f32, (level * sin) as f32, rise as f32));
             }
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            pixels.par_chunks_mut(columns).enumerate().for_each(row);
-        }
-        #[cfg(not(feature = "rayon"))]
-        pixels.chunks_mut(columns).enumerate().for_each(row);
+        pixels.par_chunks_mut(columns).enumerate().for_each(row);
         Self { window, pixels }
     }
 

@@ -11,8 +11,10 @@ use squall_formats::units::Radians;
 use squall_runtime::Asset;
 use squall_runtime::camera::{Projection, Ray};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
-use squall_runtime::shade::cloud::march::{CloudShape, MarchedCloud};
-use squall_runtime::shade::cloud::{LitCloud, RayWidth};
+use squall_runtime::shade::cloud::direct::ExactDirect;
+use squall_runtime::shade::cloud::{
+    Cells, CloudMarch, CloudPicture, CloudShape, MarchQuality, RayWidth, WideRay,
+};
 use squall_runtime::shade::detail::{Detail, DetailParameters};
 use squall_runtime::shade::water::rippled_highlight;
 use squall_runtime::transport::direct::Light;
@@ -120,14 +122,8 @@ fn rays_through_thin_thick_and_far_clouds_obey_beer_and_lambert_and_end() {
             let cloud = uniform(shape, cell_m, extinction);
             let prepared = CloudShape::new(&cloud);
             let cells = vec![Vec4::new(1.0, 2.0, 3.0, extinction); cloud.shape.len()];
-            let march = MarchedCloud {
-                cloud: &cloud,
-                shape: &prepared,
-                cells: &cells,
-                detail: &detail,
-                billow: None,
-            };
-            let exact = LitCloud { cloud: &cloud, exact: &[], extinction_scale: 0.5, longest_step: 10.0 };
+            let picture = CloudPicture::new(&cloud, &prepared, &cells, &detail, None);
+            let measured = CloudMarch::new(&cloud, Cells, MarchQuality::measured(10.0));
             let through = [
                 (DVec3::new(0.3, 0.2, 0.0), DVec3::Z, 100.0),
                 (DVec3::new(-60.0, 0.2, 540.0), DVec3::X, 100.0),
@@ -140,16 +136,16 @@ fn rays_through_thin_thick_and_far_clouds_obey_beer_and_lambert_and_end() {
                 let ray = Ray { origin, direction };
                 let projection = Projection::Perspective { vertical_fov: Radians(1.0) };
                 let left = libm::exp(-f64::from(extinction) * length);
-                let seen = exact.look(ray, projection, RayWidth::default(), |_| 2.0);
+                let seen = measured.march(&WideRay::new(ray, projection, RayWidth::default()), |_| 2.0f64);
                 assert!(
-                    (seen.transmittance - left).abs() < 1e-4,
+                    (f64::from(seen.transmittance) - left).abs() < 1e-4,
                     "{shape:?} {extinction} {origin}: {seen:?} for {left}"
                 );
                 assert!(
                     (seen.radiance - 1.8 * (1.0 - left)).abs() < 1e-3,
                     "{shape:?} {extinction} {origin}: {seen:?}"
                 );
-                let seen = march.look(&ray);
+                let seen = picture.march(&ray);
                 assert!(
                     (f64::from(seen.transmittance) - left).abs() < 0.01,
                     "{shape:?} {extinction} {origin}: {seen:?} for {left}"
@@ -169,12 +165,13 @@ fn an_eye_beside_or_at_a_lamp_sees_finite_light() {
     for offset in [0.0, 1e-9, 1e-3, 1.0] {
         let light = DVec3::new(0.0, 0.0, 550.0);
         let exact = [Light::Point { position: light, intensity: 1.0 }];
-        let lit = LitCloud { cloud: &cloud, exact: &exact, extinction_scale: 0.5, longest_step: 5.0 };
+        let exact = ExactDirect { lights: &exact, extinction_scale: 0.5 };
+        let march = CloudMarch::new(&cloud, Cells, MarchQuality::measured(5.0)).with_exact(exact);
         let projection = Projection::Perspective { vertical_fov: Radians(1.0) };
         for direction in [DVec3::X, -DVec3::Z, DVec3::new(1.0, 1.0, 1.0).normalize()] {
             let ray = Ray { origin: light + DVec3::X * offset, direction };
             for width in [RayWidth::default(), RayWidth { start: 0.0, per_metre: 1e-3 }] {
-                let seen = lit.look(ray, projection, width, |_| 0.0);
+                let seen = march.march(&WideRay::new(ray, projection, width), |_| 0.0f64);
                 assert!(
                     seen.radiance.is_finite() && seen.radiance >= 0.0 && seen.transmittance > 0.0,
                     "{offset} {seen:?}"

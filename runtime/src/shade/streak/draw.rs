@@ -5,15 +5,12 @@
 //! of its frequencies. ρ H′ is where the visible part of an edge pixel has its centre: σ² for slow waves,
 //! and for a wave of frequency k that T weakens to T̂ the ρ = (T̂⁻² − 1)/k² that keeps its whole light.
 
-use super::edge::{NARROWEST_BOX, PIXEL_VARIANCE};
+use super::edge::{LANES, NARROWEST_BOX, PIXEL_VARIANCE};
 use super::frame::Weigh;
-use super::prepare::Cosines;
+use super::prepare::{Cosines, Term};
 use super::thin::{THIN_LANES, ThinKernel};
 use super::{Pose, Tile};
 use std::f64::consts::{PI, TAU};
-
-/// Pixels worked on together.
-pub(super) const LANES: usize = 8;
 
 /// Along four pixels of a line that gains no more than this along the streak per pixel, V is as good as
 /// linear: streaks within 6° of a lattice line.
@@ -37,6 +34,42 @@ pub(super) struct Wave {
     chunk: [f32; 2],
     /// Radians per pixel across, times ρ.
     rate: f32,
+}
+
+impl Wave {
+    /// A term at the place `start` of a kernel, pixels across and along; lines move by `least_move` pixels or one more.
+    fn new(term: &Term, lines: &Lines, pose: &Pose, start: [f64; 2], least_move: i32) -> Self {
+        let per_pixel = [0, 1].map(|axis| term.frequency[axis] / pose.scale[axis]);
+        let turns = |step: [f64; 2]| per_pixel[0] * step[0] + per_pixel[1] * step[1];
+        // Frequency in the frame: what a pixel, a square of side 1, leaves of it.
+        let left = sinc(turns(lines.step)) * sinc(turns(lines.line_step));
+        // The wave across alone, which meets the sides: what a pixel leaves of it, and where its light is.
+        let side = |step: f64| sinc(per_pixel[0] * step);
+        let across = side(lines.step[0]) * side(lines.line_step[0]);
+        let wave_number = TAU * per_pixel[0];
+        let rate = if wave_number.abs() < SLOW {
+            wave_number * f64::from(PIXEL_VARIANCE)
+        } else {
+            (1.0 / (across * across).max(FAINTEST) - 1.0) / wave_number
+        };
+        let start = unit(turns(start) + term.turns);
+        let (fast, slow) = (turns(lines.step), turns(lines.line_step));
+        let lane = unit(fast);
+        let mut wave = Self {
+            state: start.map(|part| part * term.amplitude * left as f32),
+            turns: [0, 1].map(|extra| unit(slow + f64::from(least_move + extra) * fast)),
+            rate: rate as f32,
+            ..Self::default()
+        };
+        let mut turned = [1.0, 0.0];
+        for i in 0..LANES {
+            wave.lanes[0][i] = turned[0];
+            wave.lanes[1][i] = turned[1];
+            turned = product(turned, lane);
+        }
+        wave.chunk = turned;
+        wave
+    }
 }
 
 /// Where lines of pixels meet a kernel: rows if it is rather upright, columns if it is rather level.
@@ -67,8 +100,8 @@ impl Lines {
         let corner = [pose.corner[fast], pose.corner[slow]];
         // A pixel's shadow reaches half of |cos θ| + |sin θ|.
         let shadow = 0.5 * (step[0].abs() + line_step[0].abs().max(NARROWEST_BOX));
-        let reach = [across[0] - shadow, across[1] + shadow];
-        let nearer = if step[0] > 0.0 { reach[0] } else { reach[1] };
+        let ends = [across[0] - shadow, across[1] + shadow];
+        let nearer = if step[0] > 0.0 { ends[0] } else { ends[1] };
         let move_by = -line_step[0] / step[0];
         let at_line_0 = nearer / step[0] + move_by * (0.5 - corner[1]) + corner[0] - 0.5;
         Self {
@@ -79,7 +112,7 @@ impl Lines {
             entry: [at_line_0, move_by],
             corner,
             clip: [clip[fast], clip[slow]],
-            count: ((reach[1] - reach[0]) / step[0].abs()).ceil() as usize,
+            count: ((ends[1] - ends[0]) / step[0].abs()).ceil() as usize,
         }
     }
 
@@ -162,39 +195,8 @@ pub(super) fn draw<W: Weigh>(
     let mut constant = 1.0;
     if let Some(cosines) = cosines {
         constant = cosines.constant;
-        let place = lines.place(begin, first_line);
-        waves.extend(cosines.terms.iter().map(|term| {
-            let per_pixel = [0, 1].map(|axis| term.frequency[axis] / pose.scale[axis]);
-            let turns = |step: [f64; 2]| per_pixel[0] * step[0] + per_pixel[1] * step[1];
-            // Frequency in the frame: what a pixel, a square of side 1, leaves of it.
-            let left = sinc(turns(lines.step)) * sinc(turns(lines.line_step));
-            // The wave across alone, which meets the sides: what a pixel leaves of it, and where its light is.
-            let side = |step: f64| sinc(per_pixel[0] * step);
-            let across = side(lines.step[0]) * side(lines.line_step[0]);
-            let wave_number = TAU * per_pixel[0];
-            let rate = if wave_number.abs() < SLOW {
-                wave_number * f64::from(PIXEL_VARIANCE)
-            } else {
-                (1.0 / (across * across).max(FAINTEST) - 1.0) / wave_number
-            };
-            let start = unit(turns(place) + term.turns);
-            let (fast, slow) = (turns(lines.step), turns(lines.line_step));
-            let lane = unit(fast);
-            let mut wave = Wave {
-                state: start.map(|part| part * term.amplitude * left as f32),
-                turns: [0, 1].map(|extra| unit(slow + f64::from(least_move + extra) * fast)),
-                rate: rate as f32,
-                ..Wave::default()
-            };
-            let mut turned = [1.0, 0.0];
-            for i in 0..LANES {
-                wave.lanes[0][i] = turned[0];
-                wave.lanes[1][i] = turned[1];
-                turned = product(turned, lane);
-            }
-            wave.chunk = turned;
-            wave
-        }));
+        let start = lines.place(begin, first_line);
+        waves.extend(cosines.terms.iter().map(|term| Wave::new(term, lines, pose, start, least_move)));
     }
     let [across_step, along_step] = lines.step.map(|step| step as f32);
     for line in first_line..lines.clip[1][1] {

@@ -5,8 +5,8 @@
 //! integral. Shadows of all pixels of a lattice add up to a constant across any lattice line, which is what
 //! keeps the light of a streak thinner than a pixel the same wherever it falls.
 
-use super::draw::LANES;
-
+/// Pixels worked on together.
+pub(super) const LANES: usize = 8;
 /// Angle classes from 0° to 45°, and softness classes, 2^(class/4 − 4) pixels.
 const ANGLES: usize = 5;
 const SOFTNESSES: usize = 37;

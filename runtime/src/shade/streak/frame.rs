@@ -1,8 +1,7 @@
 //! What bounds a streak: windows and tables at the scale of one kernel, averaged over pixels.
 
 use super::Pose;
-use super::draw::LANES;
-use super::edge::{Edge, EdgeTable};
+use super::edge::{Edge, EdgeTable, LANES};
 use super::profile::Row;
 use squall_formats::section::streak::EdgeWindow;
 

@@ -3,6 +3,7 @@
 use super::Town;
 use super::light::{Lighting, Mirror};
 use crate::camera::{Camera, Projection};
+use crate::parallel::prelude::*;
 use crate::random::mix;
 use glam::{DVec3, Vec2, Vec3};
 
@@ -79,13 +80,7 @@ impl Town {
                 *pixel = self.pixel(camera, lighting, quality, [x, y]);
             }
         };
-        #[cfg(feature = "rayon")]
-        {
-            use rayon::prelude::*;
-            frame.pixels.par_chunks_mut(width).enumerate().for_each(row);
-        }
-        #[cfg(not(feature = "rayon"))]
-        frame.pixels.chunks_mut(width).enumerate().for_each(row);
+        frame.pixels.par_chunks_mut(width).enumerate().for_each(row);
         self.draw_lamps(camera, frame);
     }
 

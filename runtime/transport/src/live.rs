@@ -7,14 +7,15 @@
 //! | φ | fluence rate ∫ L dΩ | W/m² |
 //! | J | light scattered per unit of scattering coefficient ∫ p(ω·ω') L(ω') dω' | W/(m² sr) |
 
-use crate::error::RuntimeError;
-use crate::relight::PointLight;
-use crate::transport::Cloud;
-use crate::transport::cloud::CoarseIndex;
-use crate::transport::direct::{DirectField, Light, Tracer};
-use crate::transport::lanes::SimdLevel;
-use crate::transport::quadrature::Quadrature;
-use crate::transport::solve::{Iteration, SolveBuffers, SolveSettings, Solver};
+use crate::Cloud;
+use crate::cloud::CoarseIndex;
+use crate::direct::{DirectField, Tracer};
+use crate::error::ArgumentError;
+use crate::lanes::SimdLevel;
+use crate::light::PointLight;
+use crate::parallel::map_chunks;
+use crate::quadrature::Quadrature;
+use crate::solve::{Iteration, SolveBuffers, SolveSettings, Solver};
 use glam::DVec3;
 use squall_formats::section::response::SolverRecord;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
@@ -23,9 +24,6 @@ use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 const MAX_SWEEPS: u32 = 2000;
 /// Lamps traced in one piece; pieces run in parallel and are added in order.
 const LIGHTS_PER_PIECE: usize = 8;
-/// Pieces in flight at once: bounds memory, whatever the number of lamps.
-#[cfg(feature = "rayon")]
-const PIECES_AT_ONCE: usize = 8;
 
 /// A cloud prepared for live solving.
 pub struct LiveSolver {
@@ -75,7 +73,7 @@ pub struct LiveLight {
 }
 
 /// The direction set that a [`SolverRecord`] names. Errors: none has that name.
-pub fn quadrature_of(record: &SolverRecord) -> Result<Quadrature, RuntimeError> {
+pub fn quadrature_of(record: &SolverRecord) -> Result<Quadrature, ArgumentError> {
     let set = match record.directions {
         [0, 14] => Quadrature::Lebedev14,
         [0, 26] => Quadrature::Lebedev26,
@@ -89,7 +87,7 @@ impl LiveSolver {
     /// Prepares `cloud` for solving as `record` says that its rows were.
     ///
     /// Errors: a record that no solver can follow.
-    pub fn new(cloud: &Cloud, record: &SolverRecord) -> Result<Self, RuntimeError> {
+    pub fn new(cloud: &Cloud, record: &SolverRecord) -> Result<Self, ArgumentError> {
         let fine = cloud.refined(record.refine)?;
         let settings = SolveSettings {
             quadrature: quadrature_of(record)?,
@@ -108,31 +106,23 @@ impl LiveSolver {
     /// towards `directions`. The same bytes come out for any number of threads.
     pub fn direct(&self, lights: &[PointLight], directions: &[DVec3], samples: u32) -> DirectCells {
         let tracer = Tracer::new(&self.fine, self.solver.scaled().extinction_scale);
-        let piece = |lights: &[PointLight]| -> DirectField<4> {
+        let piece = |_: usize, lights: &[PointLight]| -> DirectField<4> {
             let mut field = DirectField::new(&self.fine, directions);
-            for light in lights {
-                let light = Light::Point { position: light.position, intensity: light.intensity };
-                tracer.rays(light, samples, |ray| {
+            for &light in lights {
+                tracer.rays(light.into(), samples, |ray| {
                     tracer.trace(ray, &mut field);
                 });
             }
             field
         };
         let mut whole = DirectField::<4>::new(&self.fine, directions);
-        let mut add = |part: DirectField<4>| {
+        let add = |part: DirectField<4>| {
             let sums =
                 whole.fluence.iter_mut().chain(&mut whole.towards).chain(whole.moments.as_flattened_mut());
             let values = part.fluence.iter().chain(&part.towards).chain(part.moments.as_flattened());
             sums.zip(values).for_each(|(sum, value)| *sum += value);
         };
-        #[cfg(feature = "rayon")]
-        for group in lights.chunks(LIGHTS_PER_PIECE * PIECES_AT_ONCE) {
-            use rayon::prelude::*;
-            let parts: Vec<_> = group.par_chunks(LIGHTS_PER_PIECE).map(piece).collect();
-            parts.into_iter().for_each(&mut add);
-        }
-        #[cfg(not(feature = "rayon"))]
-        lights.chunks(LIGHTS_PER_PIECE).map(piece).for_each(&mut add);
+        map_chunks(lights, LIGHTS_PER_PIECE, piece, add);
 
         let share = 1.0 / self.fine.cell_volume() as f32;
         let means = |sums: &[f32], width: usize| -> Vec<f32> {
@@ -161,7 +151,7 @@ impl LiveSolver {
         &self,
         direct: &DirectCells,
         watch: &mut dyn FnMut(f64) -> bool,
-    ) -> Result<LiveLight, RuntimeError> {
+    ) -> Result<LiveLight, ArgumentError> {
         let mut moments = Vec::new();
         let mut buffers = SolveBuffers::default();
         let report =
@@ -169,11 +159,7 @@ impl LiveSolver {
         let lane = report.lanes[0];
         if !lane.converged {
             let found = format!("{:e} after {} sweeps", lane.residual, report.sweeps);
-            return Err(RuntimeError::argument(
-                "live solve",
-                "the residual that the rows were solved to",
-                found,
-            ));
+            return Err(ArgumentError::new("live solve", "the residual that the rows were solved to", found));
         }
         let g = self.fine.g;
         let powers = [1.0, g, g * g, g * g * g];

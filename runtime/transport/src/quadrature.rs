@@ -1,6 +1,6 @@
 //! Direction sets for discrete ordinates: which directions light travels in, and how much sphere each stands for.
 
-use crate::error::RuntimeError;
+use crate::error::ArgumentError;
 
 /// A direction set by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ impl Quadrature {
     /// discrete operator keeps reciprocity.
     ///
     /// Errors: a product set outside the ranges that [`Quadrature::DoubleGauss`] names.
-    pub fn ordinates(self) -> Result<Vec<Ordinate>, RuntimeError> {
+    pub fn ordinates(self) -> Result<Vec<Ordinate>, ArgumentError> {
         let third = libm::sqrt(1.0 / 3.0);
         let half = libm::sqrt(0.5);
         Ok(match self {
@@ -60,7 +60,7 @@ impl Quadrature {
                 if !(1..=8).contains(&polar) || azimuths == 0 || azimuths % 4 != 0 {
                     let found = format!("{polar} × {azimuths}");
                     let wanted = "1 to 8 polar nodes and a multiple of 4 azimuths";
-                    return Err(RuntimeError::argument("direction set", wanted, found));
+                    return Err(ArgumentError::new("direction set", wanted, found));
                 }
                 let mut set = Vec::new();
                 for (node, weight) in gauss_legendre(usize::from(polar)) {

@@ -15,13 +15,17 @@
 //! combination of the sweeps so far can give, and nothing that could divide by zero before it has converged. Every lane
 //! is an equation of its own and stops on its own, so that a light's bytes do not depend on its neighbours in the batch.
 
-use super::cloud::Cloud;
-use super::lanes::{F32x16, Kernel, Lanes, SimdLevel, run};
-use super::quadrature::Quadrature;
-use super::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
-use crate::error::RuntimeError;
+mod minres;
+mod passes;
+
+use crate::cloud::Cloud;
+use crate::error::ArgumentError;
+use crate::lanes::{F32x16, Lanes, SimdLevel, run};
 use crate::phase::DeltaM;
-use fearless_simd::Simd;
+use crate::quadrature::Quadrature;
+use crate::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
+use minres::Minres;
+use passes::{Gather, Residual};
 use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::degree_of;
 
@@ -159,9 +163,9 @@ impl<const M: usize> Solver<M> {
     /// Prepares `cloud`, whose cells are the solver's.
     ///
     /// Errors: settings outside their ranges.
-    pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, RuntimeError> {
+    pub fn new(cloud: &Cloud, settings: SolveSettings) -> Result<Self, ArgumentError> {
         if settings.tolerance.is_nan() || settings.tolerance <= 0.0 {
-            return Err(RuntimeError::argument("solver tolerance", "above 0", settings.tolerance));
+            return Err(ArgumentError::new("solver tolerance", "above 0", settings.tolerance));
         }
         let scaled = if settings.delta {
             cloud.scaled(Self::DEGREE)
@@ -362,250 +366,5 @@ impl<P: Lanes, const M: usize> SolveBuffers<P, M> {
             vector.clear();
             vector.resize(count, zero);
         }
-    }
-}
-
-/// Sums over the grid, one a lane: single precision inside a cell, double across cells, in index order.
-struct Sums {
-    total: [f64; 16],
-}
-
-impl Sums {
-    #[inline(always)]
-    fn new() -> Self {
-        Self { total: [0.0; 16] }
-    }
-
-    #[inline(always)]
-    fn add<S: Simd, P: Lanes, const M: usize>(&mut self, simd: S, a: &[P; M], b: &[P; M]) {
-        let mut sum = a[0].load(simd) * b[0].load(simd);
-        for m in 1..M {
-            sum = sum + a[m].load(simd) * b[m].load(simd);
-        }
-        let sum = P::store(sum);
-        for lane in 0..P::COUNT {
-            self.total[lane] += f64::from(sum.lane(lane));
-        }
-    }
-
-    #[inline(always)]
-    fn lanes<P: Lanes>(&self) -> Vec<f64> {
-        self.total[..P::COUNT].to_vec()
-    }
-}
-
-/// Leaves E (K (z + direct) − z) in `newest`; its norm per lane comes back.
-struct Residual<'a, P, const M: usize> {
-    solver: &'a Solver<M>,
-    buffers: &'a mut SolveBuffers<P, M>,
-}
-
-impl<P: Lanes, const M: usize> Kernel for Residual<'_, P, M> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> Vec<f64> {
-        let SolveBuffers { faces, direct, solution, swept, before, newest, .. } = self.buffers;
-        let solver = self.solver;
-        for (sum, (z, d)) in before.iter_mut().zip(solution.iter().zip(direct.iter())) {
-            for m in 0..M {
-                sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
-            }
-        }
-        solver.sweeper.run(solver.emission(before), swept, faces, None);
-        let mut norm = Sums::new();
-        for cell in 0..solution.len() {
-            let root = solver.root(cell);
-            for m in 0..M {
-                let left = swept[cell][m].load(simd) * root[m] - solution[cell][m].load(simd);
-                newest[cell][m] = P::store(left * solver.flip[m]);
-            }
-            norm.add(simd, &newest[cell], &newest[cell]);
-        }
-        norm.lanes::<P>().into_iter().map(f64::sqrt).collect()
-    }
-}
-
-/// MINRES on E(I − K) e = r with r in `newest`, of norm `residual`; adds e to the solution. Ends when every lane's
-/// estimate is below its goal or `budget` sweeps are spent, and returns the sweeps used.
-struct Minres<'a, P, const M: usize> {
-    solver: &'a Solver<M>,
-    buffers: &'a mut SolveBuffers<P, M>,
-    residual: &'a [f64],
-    goals: &'a [f64],
-    budget: u32,
-    watch: &'a mut dyn FnMut(f64) -> bool,
-}
-
-/// The rotations of one lane's recurrence (Paige and Saunders 1975).
-#[derive(Clone, Copy)]
-struct Recurrence {
-    active: bool,
-    beta: f64,
-    eta: f64,
-    cos: f64,
-    cos_before: f64,
-    sin: f64,
-    sin_before: f64,
-    /// Of this step: share of the two last search directions, and of the vector, in the new one; length of the step.
-    from_search: f64,
-    from_before: f64,
-    from_vector: f64,
-    step: f64,
-}
-
-impl Recurrence {
-    fn new(residual: f64, goal: f64) -> Self {
-        Self {
-            // A residual that is not a number is nothing that this lane could work on.
-            active: residual > goal && residual.is_finite(),
-            beta: 0.0,
-            eta: residual,
-            cos: 1.0,
-            cos_before: 1.0,
-            sin: 0.0,
-            sin_before: 0.0,
-            from_search: 0.0,
-            from_before: 0.0,
-            from_vector: 0.0,
-            step: 0.0,
-        }
-    }
-
-    /// Takes in the Lanczos step's α and β and prepares the search step.
-    fn advance(&mut self, alpha: f64, beta_next: f64, goal: f64) {
-        let delta = self.cos * alpha - self.cos_before * self.sin * self.beta;
-        let rho = (delta * delta + beta_next * beta_next).sqrt();
-        if !self.active || !rho.is_finite() || rho == 0.0 {
-            // Nothing more to gain from this lane; its solution stays as it is.
-            self.active = false;
-            (self.from_search, self.from_before, self.from_vector, self.step) = (0.0, 0.0, 0.0, 0.0);
-            return;
-        }
-        self.from_search = -(self.sin * alpha + self.cos_before * self.cos * self.beta) / rho;
-        self.from_before = -(self.sin_before * self.beta) / rho;
-        self.from_vector = 1.0 / rho;
-        let (cos, sin) = (delta / rho, beta_next / rho);
-        self.step = cos * self.eta;
-        self.eta *= -sin;
-        (self.cos_before, self.cos, self.sin_before, self.sin) = (self.cos, cos, self.sin, sin);
-        self.beta = beta_next;
-        self.active = self.eta.abs() > goal && beta_next > 0.0;
-    }
-}
-
-impl<P: Lanes, const M: usize> Kernel for Minres<'_, P, M> {
-    type Output = u32;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> u32 {
-        let solver = self.solver;
-        let SolveBuffers { faces, solution, swept, before, newest, search, search_before, .. } = self.buffers;
-        let mut lanes: Vec<Recurrence> =
-            self.residual.iter().zip(self.goals).map(|(&r, &goal)| Recurrence::new(r, goal)).collect();
-        let pack = |lanes: &[Recurrence], f: &dyn Fn(&Recurrence) -> f64| P::from_fn(|l| f(&lanes[l]) as f32);
-        let zero = [P::splat(0.0); M];
-        before.fill(zero);
-        search.fill(zero);
-        search_before.fill(zero);
-        let unit = P::from_fn(|l| if lanes[l].active { (1.0 / self.residual[l]) as f32 } else { 0.0 });
-        let unit = unit.load(simd);
-        for v in newest.iter_mut() {
-            for m in 0..M {
-                v[m] = P::store(v[m].load(simd) * unit);
-            }
-        }
-        let mut used = 0;
-        while used < self.budget && lanes.iter().any(|lane| lane.active) {
-            solver.sweeper.run(solver.emission(newest), swept, faces, None);
-            used += 1;
-            let mut alpha = Sums::new();
-            for cell in 0..solution.len() {
-                let root = solver.root(cell);
-                for m in 0..M {
-                    let left = newest[cell][m].load(simd) - swept[cell][m].load(simd) * root[m];
-                    swept[cell][m] = P::store(left * solver.flip[m]);
-                }
-                alpha.add(simd, &newest[cell], &swept[cell]);
-            }
-            let alpha = alpha.lanes::<P>();
-            let along = P::from_fn(|l| alpha[l] as f32).load(simd);
-            let along_before = pack(&lanes, &|lane| lane.beta).load(simd);
-            let mut beta = Sums::new();
-            for cell in 0..solution.len() {
-                for m in 0..M {
-                    let rest = swept[cell][m].load(simd)
-                        - newest[cell][m].load(simd) * along
-                        - before[cell][m].load(simd) * along_before;
-                    swept[cell][m] = P::store(rest);
-                }
-                beta.add(simd, &swept[cell], &swept[cell]);
-            }
-            let beta: Vec<f64> = beta.lanes::<P>().into_iter().map(f64::sqrt).collect();
-            for (l, lane) in lanes.iter_mut().enumerate() {
-                lane.advance(alpha[l], beta[l], self.goals[l]);
-            }
-            let from_vector = pack(&lanes, &|lane| lane.from_vector).load(simd);
-            let from_search = pack(&lanes, &|lane| lane.from_search).load(simd);
-            let from_before = pack(&lanes, &|lane| lane.from_before).load(simd);
-            let step = pack(&lanes, &|lane| lane.step).load(simd);
-            let unit = P::from_fn(|l| if lanes[l].active { (1.0 / beta[l]) as f32 } else { 0.0 });
-            let unit = unit.load(simd);
-            for cell in 0..solution.len() {
-                for m in 0..M {
-                    let w = newest[cell][m].load(simd) * from_vector
-                        + search[cell][m].load(simd) * from_search
-                        + search_before[cell][m].load(simd) * from_before;
-                    search_before[cell][m] = P::store(w);
-                    solution[cell][m] = P::store(solution[cell][m].load(simd) + w * step);
-                    swept[cell][m] = P::store(swept[cell][m].load(simd) * unit);
-                }
-            }
-            std::mem::swap(search, search_before);
-            // The newest vector becomes the one before, the swept one the newest.
-            std::mem::swap(before, newest);
-            std::mem::swap(newest, swept);
-            let over =
-                |(lane, goal): (&Recurrence, &f64)| if lane.active { lane.eta.abs() / goal } else { 0.0 };
-            if !(self.watch)(lanes.iter().zip(self.goals).map(over).fold(0.0, f64::max)) {
-                break;
-            }
-        }
-        used
-    }
-}
-
-/// One last sweep, from the solution to all gathered moments; returns the norm of the residual that it shows.
-struct Gather<'a, P, const M: usize> {
-    solver: &'a Solver<M>,
-    buffers: &'a mut SolveBuffers<P, M>,
-    gathered: &'a mut [[P; GATHERED]],
-    leak: Option<&'a mut Leak>,
-}
-
-impl<P: Lanes, const M: usize> Kernel for Gather<'_, P, M> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> Vec<f64> {
-        let solver = self.solver;
-        let SolveBuffers { faces, direct, solution, before, .. } = self.buffers;
-        for (sum, (z, d)) in before.iter_mut().zip(solution.iter().zip(direct.iter())) {
-            for m in 0..M {
-                sum[m] = P::store(z[m].load(simd) + d[m].load(simd));
-            }
-        }
-        solver.sweeper.run(solver.emission(before), self.gathered, faces, self.leak);
-        let mut norm = Sums::new();
-        for cell in 0..solution.len() {
-            let root = solver.root(cell);
-            let mut left = [P::splat(0.0); M];
-            for m in 0..M {
-                left[m] =
-                    P::store(self.gathered[cell][m].load(simd) * root[m] - solution[cell][m].load(simd));
-            }
-            norm.add(simd, &left, &left);
-        }
-        norm.lanes::<P>().into_iter().map(f64::sqrt).collect()
     }
 }

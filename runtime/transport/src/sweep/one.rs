@@ -3,16 +3,16 @@
 //! All directions of an octant visit the cells in the same order, so they share a register; octants that mirror each
 //! other in x go along a row together, from both ends, so that while one waits for its cell the other works.
 
-use super::lanes::{Kernel, Lanes};
-use super::quadrature::Ordinate;
-use super::sweep::{CellCoefficients, FaceWeights, Faces, Leak};
+use super::faces::{CellCoefficients, FaceWeights, Faces, Leak};
+use crate::lanes::{Kernel, Lanes};
+use crate::quadrature::Ordinate;
 use fearless_simd::Simd;
 use squall_formats::GridShape;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 
 /// Two bundles of directions that are each other's mirror image in x.
 #[derive(Clone, Debug)]
-pub(super) struct Pair<D> {
+pub(crate) struct Pair<D> {
     /// Whether light travels towards larger y and z.
     forward: [bool; 2],
     /// Towards larger x, and towards smaller x.
@@ -49,7 +49,7 @@ impl<D: Lanes> Bundle<D> {
 }
 
 /// Sorts directions into pairs of bundles of at most `D::COUNT`.
-pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<Pair<D>> {
+pub(crate) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<Pair<D>> {
     let mut pairs = Vec::new();
     for (up_y, up_z) in [(true, true), (false, true), (true, false), (false, false)] {
         let belongs = |o: &&Ordinate| (o.direction[1] >= 0.0) == up_y && (o.direction[2] >= 0.0) == up_z;
@@ -75,7 +75,7 @@ pub(super) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<P
     pairs
 }
 
-pub(super) struct SingleKernel<'a, D, const M: usize, const O: usize> {
+pub(crate) struct SingleKernel<'a, D, const M: usize, const O: usize> {
     pub shape: GridShape,
     pub pairs: &'a [Pair<D>],
     pub weights: FaceWeights,
@@ -95,7 +95,6 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
     fn run<S: Simd>(mut self, simd: S) {
         let [nx, ny, nz] = self.shape.to_array();
         let factors: [f32; M] = std::array::from_fn(|m| self.root_moments[degree_of(m)]);
-        let FaceWeights { thickness, stiffness, tiny } = self.weights;
         let dark = D::splat(0.0);
         self.result.fill([0.0; O]);
         for pair in self.pairs {
@@ -112,60 +111,16 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
                 for y_step in 0..ny {
                     let y = if pair.forward[0] { y_step } else { ny - 1 - y_step };
                     let row = self.shape.index(0, y, z);
-                    let extinction = &self.cells.extinction[row..row + nx];
-                    let root = &self.cells.root_scattering[row..row + nx];
-                    let source = &self.source[row..row + nx];
+                    let cells = Row {
+                        extinction: &self.cells.extinction[row..row + nx],
+                        root: &self.cells.root_scattering[row..row + nx],
+                        source: &self.source[row..row + nx],
+                        factors,
+                    };
+                    let faces = RowFaces { y: &mut y_faces[..nx], z: &mut z_faces[y * nx..(y + 1) * nx] };
                     let result = &mut self.result[row..row + nx];
-                    let y_faces = &mut y_faces[..nx];
-                    let z_faces = &mut z_faces[y * nx..(y + 1) * nx];
-                    let mut along_x = [dark.load(simd); 2];
-                    // A − 1 and A s for the three axes, and the inverse that follows: four divisions, which the parts of
-                    // one cell of a refined grid share.
-                    let (mut keep, mut coupling) = ([[dark.load(simd); 3]; 2], [[dark.load(simd); 3]; 2]);
-                    let (mut inverse, mut prepared) = ([dark.load(simd); 2], [f32::NAN; 2]);
-                    for step in 0..nx {
-                        let at = [step, nx - 1 - step];
-                        for side in 0..2 {
-                            let (x, bundle) = (at[side], &pair.bundles[side]);
-                            let from = |m: usize| source[x][m] * (root[x] * factors[m]);
-                            let mut q = bundle.basis[0].load(simd) * from(0);
-                            for m in 1..M {
-                                q = q + bundle.basis[m].load(simd) * from(m);
-                            }
-                            if extinction[x] != prepared[side] {
-                                let thick = D::splat(thickness * extinction[x] + tiny).load(simd);
-                                let mut sum = D::splat(extinction[x]).load(simd);
-                                for axis in 0..3 {
-                                    let speed = bundle.speed[axis].load(simd);
-                                    let stiff = speed * stiffness;
-                                    keep[side][axis] = stiff * D::reciprocal(simd, thick + stiff);
-                                    coupling[side][axis] = speed + speed * keep[side][axis];
-                                    sum = sum + coupling[side][axis];
-                                }
-                                inverse[side] = D::reciprocal(simd, sum);
-                                prepared[side] = extinction[x];
-                            }
-                            let (keep, coupling, inverse) = (&keep[side], &coupling[side], inverse[side]);
-                            let along_y = y_faces[x][side].load(simd);
-                            let along_z = z_faces[x][side].load(simd);
-                            let q = q + along_y * coupling[1] + along_z * coupling[2];
-                            let psi = (q + along_x[side] * coupling[0]) * inverse;
-                            let made = inverse + inverse * keep[0];
-                            along_x[side] = q * made + along_x[side] * (made * coupling[0] - keep[0]);
-                            y_faces[x][side] = D::store(psi + (psi - along_y) * keep[1]);
-                            z_faces[x][side] = D::store(psi + (psi - along_z) * keep[2]);
-                            let psi = D::store(psi);
-                            let mut sums = result[x];
-                            for lane in 0..D::COUNT {
-                                for m in 0..O {
-                                    sums[m] += psi.lane(lane) * bundle.tally[lane][m];
-                                }
-                            }
-                            result[x] = sums;
-                        }
-                    }
-                    x_faces.push(D::store(along_x[0]));
-                    x_faces.push(D::store(along_x[1]));
+                    let along_x = cells.sweep(simd, self.weights, &pair.bundles, faces, result);
+                    x_faces.extend(along_x);
                 }
                 if let Some(leak) = self.leak.as_deref_mut() {
                     let y_side = usize::from(pair.forward[0]);
@@ -183,6 +138,91 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
                 }
             }
         }
+    }
+}
+
+/// One row of cells along x.
+struct Row<'a, const M: usize> {
+    extinction: &'a [f32],
+    /// √ of the scattering coefficient.
+    root: &'a [f32],
+    source: &'a [[f32; M]],
+    /// Factor of each source moment.
+    factors: [f32; M],
+}
+
+/// Light on the row's faces across y and z.
+struct RowFaces<'a, D> {
+    y: &'a mut [[D; 2]],
+    z: &'a mut [[D; 2]],
+}
+
+impl<const M: usize> Row<'_, M> {
+    /// Sweeps the row from both ends; returns what leaves it by them.
+    #[inline(always)]
+    fn sweep<S: Simd, D: Lanes, const O: usize>(
+        &self,
+        simd: S,
+        weights: FaceWeights,
+        bundles: &[Bundle<D>; 2],
+        faces: RowFaces<'_, D>,
+        result: &mut [[f32; O]],
+    ) -> [D; 2] {
+        let FaceWeights { thickness, stiffness, tiny } = weights;
+        let Self { extinction, root, source, factors } = *self;
+        let RowFaces { y: y_faces, z: z_faces } = faces;
+        let nx = extinction.len();
+        // Said once here, so that no index below is checked again.
+        let (root, source, result) = (&root[..nx], &source[..nx], &mut result[..nx]);
+        let (y_faces, z_faces) = (&mut y_faces[..nx], &mut z_faces[..nx]);
+        let dark = D::splat(0.0).load(simd);
+        let mut along_x = [dark; 2];
+        // A − 1 and A s for the three axes, and the inverse that follows: four divisions, which the parts of one cell of a
+        // refined grid share.
+        let (mut keep, mut coupling) = ([[dark; 3]; 2], [[dark; 3]; 2]);
+        let (mut inverse, mut prepared) = ([dark; 2], [f32::NAN; 2]);
+        for step in 0..nx {
+            let at = [step, nx - 1 - step];
+            for side in 0..2 {
+                let (x, bundle) = (at[side], &bundles[side]);
+                let from = |m: usize| source[x][m] * (root[x] * factors[m]);
+                let mut q = bundle.basis[0].load(simd) * from(0);
+                for m in 1..M {
+                    q = q + bundle.basis[m].load(simd) * from(m);
+                }
+                if extinction[x] != prepared[side] {
+                    let thick = D::splat(thickness * extinction[x] + tiny).load(simd);
+                    let mut sum = D::splat(extinction[x]).load(simd);
+                    for axis in 0..3 {
+                        let speed = bundle.speed[axis].load(simd);
+                        let stiff = speed * stiffness;
+                        keep[side][axis] = stiff * D::reciprocal(simd, thick + stiff);
+                        coupling[side][axis] = speed + speed * keep[side][axis];
+                        sum = sum + coupling[side][axis];
+                    }
+                    inverse[side] = D::reciprocal(simd, sum);
+                    prepared[side] = extinction[x];
+                }
+                let (keep, coupling, inverse) = (&keep[side], &coupling[side], inverse[side]);
+                let along_y = y_faces[x][side].load(simd);
+                let along_z = z_faces[x][side].load(simd);
+                let q = q + along_y * coupling[1] + along_z * coupling[2];
+                let psi = (q + along_x[side] * coupling[0]) * inverse;
+                let made = inverse + inverse * keep[0];
+                along_x[side] = q * made + along_x[side] * (made * coupling[0] - keep[0]);
+                y_faces[x][side] = D::store(psi + (psi - along_y) * keep[1]);
+                z_faces[x][side] = D::store(psi + (psi - along_z) * keep[2]);
+                let psi = D::store(psi);
+                let mut sums = result[x];
+                for lane in 0..D::COUNT {
+                    for m in 0..O {
+                        sums[m] += psi.lane(lane) * bundle.tally[lane][m];
+                    }
+                }
+                result[x] = sums;
+            }
+        }
+        [D::store(along_x[0]), D::store(along_x[1])]
     }
 }
 

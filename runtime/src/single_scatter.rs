@@ -1,10 +1,11 @@
-//! What a flash adds by itself, without the asset's rows: light that reaches a cell straight from the stroke, or scattered
-//! forward only, and is scattered once more towards the eye.
+//! Single scattering: what a flash adds by itself, without the asset's rows. Its light reaches a cell straight from the stroke, or
+//! scattered forward only, and is scattered once more towards the viewer.
 //!
 //! Every point of the stroke sends rays in directions spread evenly over the sphere, turned at random from point to point so
 //! that no pattern is shared. \[dobashi\] eq. 1, first term, with the extinction that it misses and cell means in place of
 //! values at cell centres.
 
+use crate::parallel::map_chunks;
 use crate::phase::PreparedHg;
 use crate::random::Random;
 use crate::relight::PointLight;
@@ -29,13 +30,10 @@ impl Default for DirectSettings {
 
 /// Points whose rays are summed in one piece; pieces run in parallel and are added in order.
 const POINTS_PER_PIECE: usize = 32;
-/// Pieces in flight at once: bounds memory, whatever the length of the stroke.
-#[cfg(feature = "rayon")]
-const PIECES_AT_ONCE: usize = 8;
 
 struct TowardsViewer<'a> {
     j: Vec<f32>,
-    view_region: &'a [[f32; 3]],
+    to_viewer: &'a [[f32; 3]],
     phase: [PreparedHg; 2],
     direction: [f32; 3],
 }
@@ -48,8 +46,8 @@ impl Tally for TowardsViewer<'_> {
 
     #[inline(always)]
     fn chord(&mut self, cell: usize, unscattered: f32, scaled: f32) {
-        let (d, eye) = (self.direction, self.view_region[cell]);
-        let cos = d[0] * eye[0] + d[1] * eye[1] + d[2] * eye[2];
+        let (d, viewer) = (self.direction, self.to_viewer[cell]);
+        let cos = d[0] * viewer[0] + d[1] * viewer[1] + d[2] * viewer[2];
         self.j[cell] +=
             self.phase[0].value(cos) * unscattered + self.phase[1].value(cos) * (scaled - unscattered);
     }
@@ -57,7 +55,7 @@ impl Tally for TowardsViewer<'_> {
 
 /// Adds J of direct light to `j`, W/(m² sr) per cell.
 ///
-/// `view_region` holds the unit direction from each cell towards the eye, `extinction_scale` what the transport behind the asset's
+/// `to_viewer` holds the unit direction from each cell towards the viewer, `extinction_scale` what the transport behind the asset's
 /// rows counts as unscattered. The same bytes come out for any number of threads.
 ///
 /// Panics when an array is not one grid long.
@@ -65,19 +63,19 @@ pub fn add_direct(
     cloud: &Cloud,
     extinction_scale: f64,
     lights: &[PointLight],
-    view_region: &[[f32; 3]],
+    to_viewer: &[[f32; 3]],
     settings: DirectSettings,
     j: &mut [f32],
 ) {
-    assert!(j.len() == cloud.shape.len() && view_region.len() == cloud.shape.len());
+    assert!(j.len() == cloud.shape.len() && to_viewer.len() == cloud.shape.len());
     let tracer = Tracer::new(cloud, extinction_scale);
     let share = 1.0 / cloud.cell_volume() as f32;
     let count = settings.rays_per_point.max(1) as usize;
     let directions: Vec<DVec3> = (0..count).map(|i| fibonacci(i, count)).collect();
-    let piece = |(number, lights): (usize, &[PointLight])| -> Vec<f32> {
+    let piece = |number: usize, lights: &[PointLight]| -> Vec<f32> {
         let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
         let mut tally =
-            TowardsViewer { j: vec![0.0; view_region.len()], view_region, phase, direction: [0.0; 3] };
+            TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
         for (i, light) in lights.iter().enumerate() {
             let turn = random_turn(settings.seed, (number * POINTS_PER_PIECE + i) as u64);
             let power = light.intensity * 4.0 * std::f64::consts::PI / count as f64;
@@ -90,20 +88,12 @@ pub fn add_direct(
         }
         tally.j
     };
-    let pieces: Vec<(usize, &[PointLight])> = lights.chunks(POINTS_PER_PIECE).enumerate().collect();
-    let mut add = |part: Vec<f32>| {
+    let add = |part: Vec<f32>| {
         for (sum, value) in j.iter_mut().zip(part) {
             *sum += value * share;
         }
     };
-    #[cfg(feature = "rayon")]
-    for group in pieces.chunks(PIECES_AT_ONCE) {
-        use rayon::prelude::*;
-        let parts: Vec<Vec<f32>> = group.par_iter().map(|&part| piece(part)).collect();
-        parts.into_iter().for_each(&mut add);
-    }
-    #[cfg(not(feature = "rayon"))]
-    pieces.into_iter().map(piece).for_each(&mut add);
+    map_chunks(lights, POINTS_PER_PIECE, piece, add);
 }
 
 /// A rotation uniform over all rotations (Shoemake 1992).
@@ -123,7 +113,7 @@ mod tests {
     use squall_formats::GridShape;
 
     #[test]
-    fn direct_light_of_a_lamp_in_thin_air_falls_with_the_square_of_distance() {
+    fn direct_light_of_a_point_light_in_thin_air_falls_with_the_square_of_distance() {
         let cloud = Cloud {
             shape: GridShape::new(40, 5, 5),
             cell_m: [10.0; 3],

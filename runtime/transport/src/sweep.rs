@@ -14,12 +14,17 @@
 //! is conserved to round-off; and a source in cell i makes in cell j along Ω what one in j makes in i along −Ω, because
 //! every face crossed counts A_i s A_j from either side: the operator is reciprocal, which [`super::solve`] relies on.
 
-use super::cloud::{Boundary, Cloud};
-use super::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
-use super::quadrature::{Ordinate, Quadrature};
-use super::sweep_one::{Pair, SingleKernel, pairs};
-use crate::error::RuntimeError;
+mod faces;
+mod one;
+
+use crate::cloud::{Boundary, Cloud};
+use crate::error::ArgumentError;
+use crate::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
+use crate::quadrature::{Ordinate, Quadrature};
+pub use faces::{CellCoefficients, Leak};
+use faces::{FaceWeights, Faces};
 use fearless_simd::Simd;
+use one::{Pair, SingleKernel, pairs};
 use squall_formats::GridShape;
 use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
@@ -45,28 +50,6 @@ struct Beam {
     flow: [f64; 3],
 }
 
-/// A = (uσ + 2κs + ε) / (uσ + κs + ε), the face weights of all schemes.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FaceWeights {
-    /// u.
-    pub thickness: f32,
-    /// κ.
-    pub stiffness: f32,
-    /// ε keeps 0/0 at bay where light does not travel along an axis or the cell is empty.
-    pub tiny: f32,
-}
-
-impl FaceWeights {
-    fn new(scheme: SweepScheme) -> Self {
-        let (thickness, stiffness) = match scheme {
-            SweepScheme::Weighted => (1.0, 3.0),
-            SweepScheme::Diamond => (0.0, 1.0),
-            SweepScheme::Step => (1.0, 0.0),
-        };
-        Self { thickness, stiffness, tiny: 1e-20 }
-    }
-}
-
 /// Up to [`GROUP`] directions that travel through the grid in the same order.
 #[derive(Clone, Debug)]
 struct Group {
@@ -74,9 +57,6 @@ struct Group {
     forward: [bool; 3],
     beams: Vec<Beam>,
 }
-
-/// Light leaving the grid through its six faces, W per lane: −x, +x, −y, +y, −z, +z.
-pub type Leak = [Vec<f64>; 6];
 
 /// Sweeps for one grid, direction set and scheme.
 #[derive(Clone, Debug)]
@@ -88,15 +68,6 @@ pub struct Sweeper {
     weights: FaceWeights,
     face_area: [f64; 3],
     level: SimdLevel,
-}
-
-/// Light on the faces between cells.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Faces<P> {
-    pub(super) x: Vec<P>,
-    pub(super) y: Vec<P>,
-    pub(super) z: Vec<P>,
-    inflow: Vec<P>,
 }
 
 /// Buffers of a sweep, kept between calls so that nothing is allocated per sweep.
@@ -114,15 +85,6 @@ enum Bundles {
     Four(Vec<Pair<F32x4>>),
     Eight(Vec<Pair<F32x8>>),
     Sixteen(Vec<Pair<F32x16>>),
-}
-
-/// What every cell contributes to its own source: extinction, and the root of its scaled scattering coefficient.
-#[derive(Clone, Debug)]
-pub struct CellCoefficients {
-    /// Extinction after scaling, 1/m.
-    pub extinction: Vec<f32>,
-    /// √ of the scattering coefficient after scaling, m^−½.
-    pub root_scattering: Vec<f32>,
 }
 
 /// What a sweep starts from: with k = `root_moments[degree]` a cell's source in direction Ω is
@@ -144,7 +106,7 @@ impl Sweeper {
         set: Quadrature,
         scheme: SweepScheme,
         level: SimdLevel,
-    ) -> Result<Self, RuntimeError> {
+    ) -> Result<Self, ArgumentError> {
         let mut groups = Vec::new();
         let ordinates = set.ordinates()?;
         for octant in 0..8 {

@@ -1,6 +1,6 @@
 //! A cloud as transport sees it: extinction per cell, one albedo and one asymmetry parameter.
 
-use crate::error::RuntimeError;
+use crate::error::ArgumentError;
 use crate::phase::DeltaM;
 use glam::DVec3;
 use squall_formats::GridShape;
@@ -38,28 +38,28 @@ impl Cloud {
     ///
     /// Errors: an empty or oversized grid, an array of another length, extinction that is negative or not finite,
     /// cell edges that are not positive, albedo outside [0, 1], g outside (−1, 1).
-    pub fn checked(self) -> Result<Self, RuntimeError> {
+    pub fn checked(self) -> Result<Self, ArgumentError> {
         let cells = self.shape.checked_len();
         let Some(cells) = cells else {
-            return Err(RuntimeError::argument("cloud grid", "1 to 2^32 cells", format!("{:?}", self.shape)));
+            return Err(ArgumentError::new("cloud grid", "1 to 2^32 cells", format!("{:?}", self.shape)));
         };
         if self.extinction.len() != cells {
             let found = format!("{} values", self.extinction.len());
-            return Err(RuntimeError::argument("cloud extinction", format!("{cells} values"), found));
+            return Err(ArgumentError::new("cloud extinction", format!("{cells} values"), found));
         }
         if let Some(at) = self.extinction.iter().position(|e| !(e.is_finite() && *e >= 0.0)) {
             let found = format!("{} in cell {:?}", self.extinction[at], self.shape.cell(at));
-            return Err(RuntimeError::argument("cloud extinction", "finite and not negative, 1/m", found));
+            return Err(ArgumentError::new("cloud extinction", "finite and not negative, 1/m", found));
         }
         if !self.cell_m.iter().all(|edge| edge.is_finite() && *edge > 0.0) || !self.origin_m.is_finite() {
             let found = format!("cell {:?} at {}", self.cell_m, self.origin_m);
-            return Err(RuntimeError::argument("cloud cell and origin", "positive and finite metres", found));
+            return Err(ArgumentError::new("cloud cell and origin", "positive and finite metres", found));
         }
         if !(0.0..=1.0).contains(&self.albedo) {
-            return Err(RuntimeError::argument("cloud albedo", "0 to 1", self.albedo));
+            return Err(ArgumentError::new("cloud albedo", "0 to 1", self.albedo));
         }
         if !(self.g > -1.0 && self.g < 1.0) {
-            return Err(RuntimeError::argument("cloud g", "between -1 and 1, ends excluded", self.g));
+            return Err(ArgumentError::new("cloud g", "between -1 and 1, ends excluded", self.g));
         }
         Ok(self)
     }
@@ -67,13 +67,9 @@ impl Cloud {
     /// The same cloud with every cell cut into `factors` along x, y, z; sub-cells inherit their extinction.
     ///
     /// Errors: a zero factor, or more cells than a grid can have.
-    pub fn refined(&self, factors: [u32; 3]) -> Result<Self, RuntimeError> {
+    pub fn refined(&self, factors: [u32; 3]) -> Result<Self, ArgumentError> {
         let shape = self.shape.refined(factors).ok_or_else(|| {
-            RuntimeError::argument(
-                "refinement",
-                "factors from 1, fewer than 2^32 cells",
-                format!("{factors:?}"),
-            )
+            ArgumentError::new("refinement", "factors from 1, fewer than 2^32 cells", format!("{factors:?}"))
         })?;
         let parent = CoarseIndex::new(shape, factors);
         let extinction = (0..shape.len()).map(|i| self.extinction[parent.of(i)]).collect();
