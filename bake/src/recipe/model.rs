@@ -16,7 +16,7 @@ use std::path::PathBuf;
 pub struct Recipe {
     /// The recipe's own file.
     pub file: PathBuf,
-    /// Its text, hashed into the asset's provenance.
+    /// Its text as it was read, hashed into the asset's provenance.
     pub text: String,
     /// A cloud lit by lightning.
     pub clouds: Option<Clouds>,
