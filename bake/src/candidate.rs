@@ -9,7 +9,7 @@ use crate::progress::Progress;
 use crate::recipe::Recipe;
 use crate::response::evaluate::{HeldOutSet, Scores};
 use crate::response::{
-    BakedResponse, LightGrid, ResponseSettings, SolvedRows, Sources, TestStroke, solve_rows,
+    BakedResponse, ResponseSettings, SolvedRows, Sources, TestStroke, WantedLights, solve_rows,
 };
 use crate::storm::clouds::{place_lights, strokes_for};
 use squall_formats::container::{self, OutSection};
@@ -88,14 +88,14 @@ impl<'a> Candidate<'a> {
     /// Errors: as [`solve_rows`].
     pub fn new(
         cloud: &'a Cloud,
-        lights: &LightGrid,
+        lights: &WantedLights,
         whole: Whole<'_>,
         settings: &ResponseSettings,
         (strokes, known): (&[Vec<PointLight>], Option<&[TestStroke]>),
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let wanted = touched(lights, strokes);
-        let sources = Sources { lights: LightGrid { wanted, ..lights.clone() }, distant: Vec::new() };
+        let sources = Sources { lights: WantedLights { wanted, ..lights.clone() }, distant: Vec::new() };
         let solved = solve_rows(cloud, &sources, settings, strokes, known, progress)?;
         let held_out_set =
             HeldOutSet::new(cloud, settings.view_region.as_ref(), settings.direct, &solved.tests, 0);
@@ -137,7 +137,7 @@ impl<'a> Candidate<'a> {
 
     /// Bytes that the solved rows of such a trial take.
     pub fn bytes(
-        lights: &LightGrid,
+        lights: &WantedLights,
         strokes: &[Vec<PointLight>],
         channels: DirectionalBasis,
         cloud: &Cloud,
@@ -157,7 +157,7 @@ impl<'a> Candidate<'a> {
 }
 
 /// Which nodes of `lights` the strokes are split over; those that are not wanted stay so.
-pub fn touched(lights: &LightGrid, strokes: &[Vec<PointLight>]) -> Vec<bool> {
+pub fn touched(lights: &WantedLights, strokes: &[Vec<PointLight>]) -> Vec<bool> {
     let mut touched = vec![false; lights.len()];
     for point in strokes.iter().flatten() {
         for node in lights.around(point.position).into_iter().flatten() {
@@ -179,7 +179,7 @@ pub fn held_out_strokes(
     recipe: &Recipe,
     cloud: &Cloud,
     spacing_m: f64,
-) -> Result<(LightGrid, Vec<Vec<PointLight>>), BakeError> {
+) -> Result<(WantedLights, Vec<Vec<PointLight>>), BakeError> {
     let Some(clouds) = &recipe.clouds else {
         return Err(BakeError::input(&recipe.file, "recipe", "a table [clouds]", "none"));
     };

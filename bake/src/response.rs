@@ -19,10 +19,11 @@ use crate::progress::Progress;
 use context::{Batch, Context, Work};
 pub use directions::{add_direct, in_26_directions};
 use glam::DVec3;
-pub use lights::{LightGrid, LightSpacing, light_grid};
+pub use lights::{LightSpacing, WantedLights, light_grid};
 use rayon::prelude::*;
 pub use solved::SolvedRows;
 use solved::TowardsViewRegion;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{
     Codec, DirectTerm, DirectionalBasis, DistantKind, DistantSource, NO_ROW, ResponseHead, ResponseRows,
     SolverRecord, SourceBasis, pack_seen,
@@ -70,7 +71,7 @@ pub struct ResponseSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sources {
     /// Virtual lamps.
-    pub lights: LightGrid,
+    pub lights: WantedLights,
     /// Distant light.
     pub distant: Vec<DistantKind>,
 }
@@ -165,7 +166,10 @@ pub fn solve_tests(
     strokes: &[Vec<PointLight>],
     progress: &dyn Progress,
 ) -> Result<Vec<TestStroke>, BakeError> {
-    let lights = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
+    let lights = WantedLights {
+        grid: LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] },
+        wanted: vec![false],
+    };
     let sources = Sources { lights, distant: Vec::new() };
     Ok(solve_rows(cloud, &sources, settings, strokes, None, progress)?.tests)
 }
@@ -201,17 +205,12 @@ fn solve_each_row<R: Send>(
     }
     let mut head = ResponseHead {
         shape: cloud.shape,
-        sources: SourceBasis::LightGrid {
-            x_m: grid.x_m.clone(),
-            y_m: grid.y_m.clone(),
-            z_m: grid.z_m.clone(),
-            rows: node_rows,
-        },
+        sources: SourceBasis::LightGrid { grid: grid.grid.clone(), rows: node_rows },
         distant: (nodes.len()..)
             .zip(&sources.distant)
             .map(|(row, &kind)| DistantSource { kind, row: row as u32 })
             .collect(),
-        channels: settings.channels,
+        basis: settings.channels,
         direct: settings.direct,
         codec: settings.codec,
         solver: SolverRecord {

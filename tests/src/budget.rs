@@ -7,7 +7,7 @@ use squall_bake::candidate::{asset_of, held_out_strokes};
 use squall_bake::input::picture::read_grey;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::{LightGrid, Sources, solve_rows};
+use squall_bake::response::{Sources, WantedLights, solve_rows};
 use squall_bake::storm::bake;
 use squall_bake::streak::Source;
 use squall_formats::container::{OutSection, write};
@@ -97,7 +97,8 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
     let mut cheapest = u64::MAX;
     for step in 0..10 {
         let spacing_m = 360.0 / 2.0 * libm::exp2(-0.25 * f64::from(step));
-        let (lights, strokes): (LightGrid, _) = held_out_strokes(&recipe, &scene.cloud, spacing_m).unwrap();
+        let (lights, strokes): (WantedLights, _) =
+            held_out_strokes(&recipe, &scene.cloud, spacing_m).unwrap();
         let settings = squall_bake::response::ResponseSettings {
             channels: DirectionalBasis::Harmonics { degree: 3 },
             ..clouds.response

@@ -7,7 +7,7 @@ use crate::candidate::{asset_of, touched};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
 use crate::response::evaluate::{RelitError, ViewFactors, Views};
-use crate::response::{LightGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
+use crate::response::{ResponseSettings, SolvedRows, Sources, WantedLights, solve_rows};
 use crate::storm::clouds::{place_lights, strokes_for};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::view_region::ViewRegionFrame;
@@ -39,7 +39,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     }
     let all = lights.wanted_count();
     let wanted = touched(&lights, &strokes);
-    let sources = Sources { lights: LightGrid { wanted, ..lights }, distant: Vec::new() };
+    let sources = Sources { lights: WantedLights { wanted, ..lights }, distant: Vec::new() };
     let mut errors = if task.quick {
         vec![0.1, 0.01]
     } else {
@@ -66,10 +66,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         let sight = Sight::new(cloud, &solved);
         let what = match (channels, direct) {
             (DirectionalBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
-            (DirectionalBasis::ViewRegion { .. }, _) => {
-                format!("{} channels towards eyes, direct light at run time", channels.count())
-            }
-            (other, _) => format!("{} harmonics, direct light at run time", other.count()),
+            (other, _) => format!("{}, direct light at run time", other.name()),
         };
         let truth = format!("{}: {} strokes, the same rows uncompressed, {what}", scene.words, strokes.len());
         points.push(dense(&solved, &truth, all)?);
@@ -112,7 +109,7 @@ impl Sight {
         let head = &solved.head;
         let frame = head.view_region.as_ref().map(|view_region| view_region_frame(view_region, cloud));
         let views = Views::new(cloud, head.view_region.as_ref(), 0, |cell| head.sees(cell));
-        Self { factors: views.factors(head.channels, frame.as_ref()), views, frame }
+        Self { factors: views.factors(head.basis, frame.as_ref()), views, frame }
     }
 
     /// Errors of one stroke's channels against others of the same kind.

@@ -10,9 +10,10 @@ use crate::error::BakeError;
 use crate::monte_carlo::{ChanceSettings, solve_by_chance};
 use crate::progress::{Progress, Quiet};
 use crate::relit::relight;
-use crate::response::{LightGrid, ResponseSettings, Sources, bake_response};
+use crate::response::{ResponseSettings, Sources, WantedLights, bake_response};
 use crate::storm::clouds::place_lights;
 use glam::DVec3;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
 use squall_runtime::camera::{Camera, Projection};
@@ -94,7 +95,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                 // Those are baked for eyes anywhere: what a box of eyes saves is the recipe's own.
                 settings.view_region = None;
             }
-            let grid = LightGrid { wanted, ..grid };
+            let grid = WantedLights { wanted, ..grid };
             let tried = grid.wanted_count();
             let mut point = flash(&scene, grid, &settings, &lights, &camera, &truth)?;
             point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
@@ -122,7 +123,10 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             settings.solve.tolerance = tolerance;
             // One lamp far from the stroke: nothing of it is baked, so all of it is solved for.
             let far = cloud.far_corner() + DVec3::splat(10.0 * side);
-            let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
+            let grid = WantedLights {
+                grid: LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z] },
+                wanted: vec![true],
+            };
             let mut point = flash(&scene, grid, &settings, &lights, &camera, &truth)?;
             point.series = format!("live solve, refinement {refine}");
             point.setting = format!("live solve, refinement {refine}, residual {tolerance:e}");
@@ -137,7 +141,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 /// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
 fn flash(
     scene: &ChartScene<'_>,
-    lights: LightGrid,
+    lights: WantedLights,
     settings: &ResponseSettings,
     stroke: &[PointLight],
     camera: &Camera,

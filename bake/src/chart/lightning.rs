@@ -6,7 +6,7 @@ use super::{Cost, Point, Sweep};
 use crate::candidate::{Candidate, Whole};
 use crate::error::BakeError;
 use crate::progress::{Progress, Quiet};
-use crate::response::{LightGrid, ResponseSettings, solve_tests};
+use crate::response::{ResponseSettings, WantedLights, solve_tests};
 use crate::storm::clouds::{place_lights, strokes_for};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_runtime::relight::PointLight;
@@ -54,7 +54,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         kinds.push(("the recipe's channels", own.0, own.1, scene.settings.codec));
     }
     let grids = steps.iter().map(|step| place_lights(task.recipe, clouds, cloud, scene.spacing_m * step));
-    let grids = grids.collect::<Result<Vec<LightGrid>, _>>()?;
+    let grids = grids.collect::<Result<Vec<WantedLights>, _>>()?;
     let strokes = common_strokes(task, &scene, &grids, if task.quick { 2 } else { 6 });
     if strokes.is_empty() {
         return Ok(Vec::new());
@@ -118,11 +118,11 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 fn common_strokes(
     task: &Sweep<'_>,
     scene: &ChartScene<'_>,
-    grids: &[LightGrid],
+    grids: &[WantedLights],
     count: usize,
 ) -> Vec<Vec<PointLight>> {
     let Some(finest) = grids.last() else { return Vec::new() };
-    let spacing = finest.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let spacing = finest.grid.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let spacing = if spacing.is_finite() { spacing } else { scene.spacing_m };
     let strokes = strokes_for(task.recipe, scene.clouds, &scene.cloud, finest, spacing, 0..count);
     let common = |stroke: Vec<PointLight>| -> Vec<PointLight> {

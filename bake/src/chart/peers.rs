@@ -139,7 +139,7 @@ impl<'a> Evaluate<'a> {
         let each: Vec<RelitError> = sums
             .iter()
             .zip(&self.solved.tests)
-            .map(|(sum, test)| self.sight.errors(self.solved.head.channels, sum, &test.uncompressed))
+            .map(|(sum, test)| self.sight.errors(self.solved.head.basis, sum, &test.uncompressed))
             .collect();
         mean_errors(&each)
     }

@@ -76,7 +76,7 @@ impl SolvedRows {
         let towards = match (channels, &self.towards) {
             (DirectionalBasis::ViewRegion { degree }, Some(towards)) => Some((towards, degree)),
             (DirectionalBasis::ViewRegion { .. }, None) => {
-                assert_eq!(channels, self.head.channels, "rows were solved without eyes");
+                assert_eq!(channels, self.head.basis, "rows were solved without eyes");
                 None
             }
             _ => None,
@@ -105,7 +105,7 @@ impl SolvedRows {
             TestStroke { uncompressed, ..test.clone() }
         };
         BakedResponse {
-            head: ResponseHead { channels, codec, ..self.head.clone() },
+            head: ResponseHead { basis: channels, codec, ..self.head.clone() },
             rows,
             tests: self.tests.iter().map(cut).collect(),
             kept,

@@ -10,7 +10,7 @@ use crate::input::scene::read_scene;
 use crate::progress::Progress;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::evaluate::{Scores, evaluate, shifted_strokes, test_strokes};
-use crate::response::{BakedResponse, LightGrid, LightSpacing, Sources, bake_response, light_grid};
+use crate::response::{BakedResponse, LightSpacing, Sources, WantedLights, bake_response, light_grid};
 use glam::DVec3;
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
@@ -71,7 +71,7 @@ pub(super) fn bake_clouds(
         let made = format!(
             "{} sources × {} channels, {} coefficients",
             rows.rows.len(),
-            baked.head.channels.count(),
+            baked.head.basis.count(),
             baked.kept
         );
         let section = response::write(&baked.head, rows);
@@ -172,14 +172,11 @@ pub(crate) fn strokes_for(
     recipe: &Recipe,
     clouds: &Clouds,
     cloud: &Cloud,
-    lights: &LightGrid,
+    lights: &WantedLights,
     spacing_m: f64,
     numbers: std::ops::Range<usize>,
 ) -> Vec<Vec<PointLight>> {
-    let reach = [
-        DVec3::new(lights.x_m[0], lights.y_m[0], lights.z_m[0]),
-        DVec3::new(last(&lights.x_m), last(&lights.y_m), last(&lights.z_m)),
-    ];
+    let reach = lights.grid.bounds().map(DVec3::from_array);
     let usable = |point: DVec3| lights.reaches(point);
     if clouds.lights.prune {
         let own: Vec<Vec<PointLight>> = recipe.strokes.iter().map(|r| Stroke::grow(r).lights(0.0)).collect();
@@ -194,10 +191,6 @@ pub(crate) fn strokes_for(
 
 /// Points along the reach's longest side of strokes grown at random, where the recipe states no spacing.
 const POINTS: f64 = 24.0;
-
-fn last(axis: &[f64]) -> f64 {
-    axis.last().copied().unwrap_or(0.0)
-}
 
 /// The box that lamps have to fill: as the recipe names it, or the cloud's own down to the strokes' lowest point.
 pub(crate) fn reach_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> [DVec3; 2] {
@@ -215,7 +208,7 @@ pub(crate) fn place_lights(
     clouds: &Clouds,
     cloud: &Cloud,
     spacing_m: f64,
-) -> Result<LightGrid, BakeError> {
+) -> Result<WantedLights, BakeError> {
     let [low, high] = reach_of(recipe, clouds, cloud);
     let occupied = cloud.extinction.iter().position(|&e| e > 0.0);
     let base = occupied
@@ -280,14 +273,16 @@ fn report(
     let metric = "99.9th percentile of the relit error, over the peak";
     add("response codec", metric, None, codec_error.tail, &codec, false);
     add("response codec", "median pointwise relit error", None, codec_error.median, &codec, false);
-    let response::SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &baked.head.sources;
-    let baked_lights = rows.iter().filter(|&&row| row != response::NO_ROW).count();
+    let (nodes, baked_lights) = baked.head.sources.light_grid().map_or(([0; 3], 0), |(grid, rows)| {
+        let baked = rows.iter().filter(|&&row| row != response::NO_ROW).count();
+        (grid.axes().map(<[f64]>::len), baked)
+    });
     let grid = format!(
         "{baked_lights} of {} × {} × {} lamps, {} channels",
-        x_m.len(),
-        y_m.len(),
-        z_m.len(),
-        baked.head.channels.count()
+        nodes[0],
+        nodes[1],
+        nodes[2],
+        baked.head.basis.count()
     );
     let views = if baked.head.view_region.is_some() { "unseen eyes" } else { "26 directions" };
     let metric = format!("stroke L2 over {views}, against the stroke solved directly");
