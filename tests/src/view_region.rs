@@ -112,7 +112,7 @@ fn a_budget_takes_channels_towards_eyes_where_they_are_cheapest_and_is_met_by_un
     let head = &relighter.response().head;
     let chosen = records(&asset).into_iter().find(|record| record.asked == Some(asked)).unwrap();
     println!("{chosen:?}, {} bytes", response_bytes(&asset));
-    assert!(matches!(head.channels, DirectionalBasis::ViewRegion { .. }), "{:?}", head.channels);
+    assert!(matches!(head.basis, DirectionalBasis::ViewRegion { .. }), "{:?}", head.basis);
     assert!(chosen.metric.contains("unseen eyes") && chosen.got <= asked, "{chosen:?}");
     let anywhere = baked(folder.path(), &budget);
     println!("without eyes {} bytes", response_bytes(&anywhere));

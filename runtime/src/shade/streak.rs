@@ -23,7 +23,8 @@ use edge::EdgeTable;
 use frame::{EdgeFrame, ProductFrame};
 use prepare::{Cosines, PatternFrame, PatternLight, Prepared};
 use profile::{Profile, ProfileRow};
-use squall_formats::section::streak::StreakSection;
+use squall_formats::section::streak::{StreakPattern, StreakSection};
+use std::sync::OnceLock;
 
 /// Bodies narrower or shorter than this are drawn in thin form.
 const THIN_WIDTH_PX: f32 = 4.0;
@@ -38,9 +39,12 @@ const DOT_LENGTH_PX: f64 = 3.0;
 const LONGEST_PX: f64 = 1e5;
 
 /// Patterns ready to be drawn.
+///
+/// A stored pattern is some hundred bytes and what drawing needs of it half a megabyte: it is prepared when it is first
+/// drawn, so that a set costs next to nothing to open.
 #[derive(Clone, Debug)]
 pub struct StreakSet {
-    patterns: Vec<Prepared>,
+    patterns: Vec<(StreakPattern, OnceLock<Prepared>)>,
     edges: EdgeTable,
 }
 
@@ -100,9 +104,15 @@ struct Pose {
 }
 
 impl StreakSet {
-    /// Prepares the patterns of a section: a few thousand numbers each, done once.
+    /// The patterns of a section; each is prepared when it is first drawn.
     pub fn new(section: &StreakSection) -> Self {
-        Self { patterns: section.patterns.iter().map(Prepared::new).collect(), edges: EdgeTable::new() }
+        let patterns = section.patterns.iter().map(|pattern| (pattern.clone(), OnceLock::new())).collect();
+        Self { patterns, edges: EdgeTable::new() }
+    }
+
+    fn prepared(&self, pattern: u32) -> Option<&Prepared> {
+        let (stored, prepared) = self.patterns.get(pattern as usize)?;
+        Some(prepared.get_or_init(|| Prepared::new(stored)))
     }
 
     /// Number of patterns.
@@ -117,13 +127,13 @@ impl StreakSet {
 
     /// Mean light of a pattern over its body; 0 for a pattern that does not exist.
     pub fn mean(&self, pattern: u32) -> f32 {
-        self.patterns.get(pattern as usize).map_or(0.0, |pattern| pattern.mean)
+        self.patterns.get(pattern as usize).map_or(0.0, |(stored, _)| stored.mean as f32)
     }
 
     /// Pixels that a kernel may touch: [left, top, right, bottom), or `None` for one that draws nothing: an
     /// unknown pattern, a number that is not finite, no length, no width or no direction.
     pub fn bounds(&self, kernel: &StreakPlacement) -> Option<[i32; 4]> {
-        let prepared = self.patterns.get(kernel.pattern as usize)?;
+        let prepared = self.prepared(kernel.pattern)?;
         let pose = Pose::new(kernel, prepared)?;
         let range = prepared.range();
         let mut low = [f64::INFINITY; 2];
@@ -166,7 +176,7 @@ impl StreakSet {
         if clip.iter().any(|[low, high]| low >= high) {
             return;
         }
-        let prepared = &self.patterns[kernel.pattern as usize];
+        let Some(prepared) = self.prepared(kernel.pattern) else { return };
         let Some(pose) = Pose::new(kernel, prepared) else { return };
         let across = prepared.range()[0].map(|u| u * pose.scale[0]);
         let lines = Lines::new(&pose, across, clip);

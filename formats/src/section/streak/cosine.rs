@@ -1,11 +1,14 @@
 //! A constant and cosines under a window. [weber] eq. 1 with a plus where × is printed, and with the
 //! constant that the printed sum leaves out.
 
-use super::packing::{Cursor, nearest};
-use super::{Kind, MAX_TERMS, Window, invalid};
+use super::kind::Kind;
+use super::packing::{Cursor, invalid, nearest};
+use super::window::Window;
 use crate::error::ReadError;
 use std::f64::consts::TAU;
 
+/// Most cosine terms of one pattern; more would take more bytes than the picture it came from.
+pub const MAX_TERMS: usize = 1024;
 /// Steps of the constant, −8 to 8.
 const CONSTANT_STEPS: f64 = 4096.0;
 /// Largest code of a 12-bit number without and with a sign.

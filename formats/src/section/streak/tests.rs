@@ -59,7 +59,7 @@ fn what_was_read_writes_the_same_bytes_and_reads_the_same() {
     assert_eq!(once.write(), bytes);
     assert_eq!(read(&once.write()).unwrap(), once);
     let names = |section: &StreakSection| {
-        section.patterns.iter().map(|streak| Kind::of(&streak.pattern)).collect::<Vec<_>>()
+        section.patterns.iter().map(|streak| streak.pattern.kind()).collect::<Vec<_>>()
     };
     assert_eq!(names(&once), names(&every_kind()));
     assert!(StreakSection::read(&bytes, 2, &Limits::default()).is_err(), "a newer version");

@@ -1,7 +1,7 @@
 //! Windows: what ends a pattern's cosines at the outline of the streak.
 
-use super::packing::{Cursor, LogLattice, nearest};
-use super::{Kind, invalid};
+use super::kind::Kind;
+use super::packing::{Cursor, LogLattice, invalid, nearest};
 use crate::error::ReadError;
 
 /// Steps of a position, 0 to 1.

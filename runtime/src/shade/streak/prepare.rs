@@ -12,7 +12,6 @@ const VISIBLE: f32 = 0.02;
 #[derive(Clone, Debug)]
 pub struct Prepared {
     pub body: Body,
-    pub mean: f32,
     /// Periods across of its finest visible wave.
     pub finest: f64,
     /// How it is drawn where its width is resolved.
@@ -79,7 +78,7 @@ impl Prepared {
             }
             PatternLight::Products(_) => 0.0,
         };
-        Self { body, mean: streak.mean as f32, finest, light, thin: Thin::new(&streak.pattern, integral) }
+        Self { body, finest, light, thin: Thin::new(&streak.pattern, integral) }
     }
 
     /// The cosines, of a pattern that is made of them.
