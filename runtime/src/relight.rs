@@ -60,7 +60,8 @@ pub struct RelightBuffers {
     scratch: Vec<f32>,
 }
 
-/// The channels of a relit cloud: J's coefficients per cell, W/(m² sr) per unit of basis, one plane a channel.
+/// The coefficients of a relit cloud's in-scattered radiance J ([`squall_formats::basis`]) per cell, W/(m² sr) per unit of basis,
+/// one plane a coefficient.
 #[derive(Clone, Copy, Debug)]
 pub struct Relit<'a> {
     /// What the planes mean.
