@@ -52,7 +52,8 @@ pub struct RelightBuffers {
     scratch: Vec<f32>,
 }
 
-/// The coefficients of a relit cloud's J, W/(m² sr) per unit of basis, one plane of cells a coefficient.
+/// The coefficients of a relit cloud's in-scattered radiance J ([`squall_formats::basis`]) per cell, W/(m² sr) per unit of basis,
+/// one plane a coefficient.
 #[derive(Clone, Copy, Debug)]
 pub struct Relit<'a> {
     /// What the planes mean.

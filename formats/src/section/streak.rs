@@ -4,8 +4,9 @@
 //! left corner. What a pattern's numbers mean stands here beside how they are stored, because the fit and
 //! the runtime must agree on both: [`Pattern::value`] is the definition, everything else approximates it.
 //!
-//! Stored numbers are small integers with a step each. `write` rounds to the nearest step, so a pattern that
-//! was read (or [`StreakPattern::quantised`]) writes back to the same bytes.
+//! Stored numbers are small integers with a step each. `write` rounds to the nearest step, so that what was read
+//! (or [`StreakPattern::quantised`]) is written without loss; of two ways to store one pattern, a cosine and its
+//! mirror image for instance, it takes the same one each time, so that what it wrote it writes again.
 
 mod cosine;
 mod kind;

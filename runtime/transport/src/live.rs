@@ -5,7 +5,7 @@
 //!
 //! | symbol | name | unit |
 //! | φ | fluence rate ∫ L dΩ | W/m² |
-//! | J | light scattered per unit of scattering coefficient ∫ p(ω·ω') L(ω') dω' | W/(m² sr) |
+//! | J | in-scattered radiance, [`squall_formats::basis`] | W/(m² sr) |
 
 use crate::Cloud;
 use crate::cloud::CoarseIndex;

@@ -185,7 +185,7 @@ impl EdgeWindow {
         for position in [left, right, top, bottom] {
             pool.extend(position.to_le_bytes());
         }
-        let bend = |value: f64, steps: f64| (nearest(value * steps, -127, 127) as i8).to_le_bytes();
+        let bend = |value: f64, steps: f64| (nearest(value * steps, -128, 127) as i8).to_le_bytes();
         for side in &self.sides {
             pool.extend(side[1..].iter().flat_map(|&value| bend(value, BEND_STEPS)));
         }
