@@ -1,27 +1,29 @@
 //! Bakes storms: cloud grids, pictures of rain and a recipe in; one `.squall` asset out.
 //!
-//! Inputs → stages → compression → sections → asset. The slow truth behind every table is here under the
+//! The recipe says, the plan decides, the stage makes: inputs → stages → compression → sections → asset. The slow truth behind every table is here under the
 //! verb `solve_`, what fills a table under `bake_`; reading it is the runtime's, under `lookup_`.
 #![forbid(unsafe_code)]
 
-pub mod budget;
-pub mod candidate;
+pub mod asset;
 pub mod chart;
 pub mod cloud;
 pub mod compress;
 pub mod density;
 pub mod diff;
 pub mod error;
+pub mod evaluate;
 pub mod fields;
 pub mod input;
+pub mod memory;
 pub mod monte_carlo;
 pub mod output;
 pub mod picture;
+pub mod pipeline;
+pub mod plan;
 pub mod progress;
 pub mod recipe;
 pub mod relit;
 pub mod response;
-pub mod storm;
 pub mod streak;
 pub mod synth;
 

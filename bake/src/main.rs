@@ -3,13 +3,22 @@
 mod cli;
 
 use clap::Parser;
+use squall_bake::BakeError;
+use squall_bake::output::pending;
+use std::io::Write;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match cli::run(cli::Cli::parse()) {
+    let cli = cli::Cli::parse();
+    match cli::interrupt::install().and_then(|()| cli::run(cli)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("squall: {}", cli::words(&error));
+            cli::progress::clear();
+            match error.downcast_ref() {
+                Some(BakeError::Interrupted) => cli::interrupt::say(pending::note()),
+                // Nobody may be left to read it.
+                _ => _ = writeln!(std::io::stderr(), "squall: {}", cli::words(&error)),
+            }
             ExitCode::from(cli::exit_code(&error))
         }
     }

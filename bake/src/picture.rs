@@ -15,47 +15,57 @@ fn encoding_error(error: impl std::error::Error + Send + Sync + 'static) -> std:
     std::io::Error::other(error)
 }
 
-fn write_png(path: &Path, picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> Result<(), BakeError> {
-    write_atomically(path, |out| {
-        let mut encoder = png::Encoder::new(out, picture.width as u32, picture.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(depth);
-        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-        let mut writer = encoder.write_header().map_err(encoding_error)?;
-        writer.write_image_data(bytes).map_err(encoding_error)?;
-        writer.finish().map_err(encoding_error)
-    })
+fn encode_png(picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, picture.width as u32, picture.height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(depth);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut writer = encoder.write_header().map_err(encoding_error)?;
+    writer.write_image_data(bytes).map_err(encoding_error)?;
+    writer.finish().map_err(encoding_error)?;
+    Ok(out)
+}
+
+fn write_encoded(path: &Path, encoded: std::io::Result<Vec<u8>>) -> Result<(), BakeError> {
+    write_atomically(path, |out| out.write_all(&encoded?))
+}
+
+/// Bytes of the file that [`write_png8`] writes. Errors: a picture without pixels.
+pub fn encode_png8(picture: &Picture, tone: &Tone) -> std::io::Result<Vec<u8>> {
+    encode_png(picture, png::BitDepth::Eight, tone.to_srgb8(picture).as_flattened())
+}
+
+/// Bytes of the file that [`write_exr`] writes. Errors: a picture without pixels.
+pub fn encode_exr(picture: &Picture) -> std::io::Result<Vec<u8>> {
+    let band = |band: usize| picture.pixels.iter().map(|pixel| pixel[band]).collect();
+    let channels = vec![("R", band(0)), ("G", band(1)), ("B", band(2))];
+    encode_channels((picture.width, picture.height), channels)
 }
 
 /// An 8-bit sRGB picture, developed with `tone`.
 pub fn write_png8(path: &Path, picture: &Picture, tone: &Tone) -> Result<(), BakeError> {
-    write_png(path, picture, png::BitDepth::Eight, tone.to_srgb8(picture).as_flattened())
+    write_encoded(path, encode_png8(picture, tone))
 }
 
 /// A 16-bit sRGB picture, developed with `tone`.
 pub fn write_png16(path: &Path, picture: &Picture, tone: &Tone) -> Result<(), BakeError> {
     let bytes: Vec<u8> = tone.to_srgb16(picture).iter().flatten().flat_map(|v| v.to_be_bytes()).collect();
-    write_png(path, picture, png::BitDepth::Sixteen, &bytes)
+    write_encoded(path, encode_png(picture, png::BitDepth::Sixteen, &bytes))
 }
 
 /// The radiance itself, 32-bit float channels R, G, B, ZIP-compressed; no tone mapping.
 pub fn write_exr(path: &Path, picture: &Picture) -> Result<(), BakeError> {
-    let band = |band: usize| picture.pixels.iter().map(|pixel| pixel[band]).collect();
-    let channels = vec![("R", band(0)), ("G", band(1)), ("B", band(2))];
-    write_channels(path, (picture.width, picture.height), channels)
+    write_encoded(path, encode_exr(picture))
 }
 
 /// One float channel named `Y` (a field, a depth, a grey image), row 0 = top, `width * height` values.
 pub fn write_grey_exr(path: &Path, width: usize, height: usize, values: &[f32]) -> Result<(), BakeError> {
     assert_eq!(values.len(), width * height, "one value a pixel");
-    write_channels(path, (width, height), vec![("Y", values.to_vec())])
+    write_encoded(path, encode_channels((width, height), vec![("Y", values.to_vec())]))
 }
 
-fn write_channels(
-    path: &Path,
-    size: (usize, usize),
-    channels: Vec<(&str, Vec<f32>)>,
-) -> Result<(), BakeError> {
+fn encode_channels(size: (usize, usize), channels: Vec<(&str, Vec<f32>)>) -> std::io::Result<Vec<u8>> {
     let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
     let channels = AnyChannels::sort(channels.collect());
     let encoding = Encoding {
@@ -66,11 +76,8 @@ fn write_channels(
     let image = Image::from_layer(Layer::new(size, LayerAttributes::default(), encoding, channels));
     let mut bytes = std::io::Cursor::new(Vec::new());
     // One thread: the order of compressed blocks, and so the bytes, repeat.
-    let encoded = image.write().non_parallel().to_buffered(&mut bytes);
-    write_atomically(path, |out| {
-        encoded.map_err(encoding_error)?;
-        out.write_all(bytes.get_ref())
-    })
+    image.write().non_parallel().to_buffered(&mut bytes).map_err(encoding_error)?;
+    Ok(bytes.into_inner())
 }
 
 #[cfg(test)]

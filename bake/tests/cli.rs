@@ -5,6 +5,7 @@ mod diff;
 mod disk;
 mod inspect;
 mod monte_carlo;
+mod outputs;
 mod peers;
 mod query;
 mod recipe;

@@ -1,8 +1,10 @@
 //! From a file or bytes to an open asset: checks, and views into the bytes; nothing is copied or decoded.
 
 use crate::error::RuntimeError;
-use squall_formats::container::{Directory, Entry};
+use squall_formats::container::{Directory, Entry, MAGIC};
 use squall_formats::{Limits, ReadError, Tag};
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 #[cfg(target_endian = "big")]
@@ -14,6 +16,11 @@ compile_error!(
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
 struct Block([u8; 64]);
+
+/// Most bytes that are read of a device or pipe, which need not have an end.
+const LONGEST_STREAM: usize = 2 << 30;
+/// Room to begin with for what has no length beforehand, bytes.
+const FIRST_BLOCKS: usize = 1 << 16;
 
 enum Bytes {
     Owned {
@@ -30,6 +37,46 @@ impl Bytes {
             Self::Owned { blocks, length } => &bytemuck::cast_slice(blocks)[..*length],
             #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
             Self::Mapped(map) => map,
+        }
+    }
+
+    /// Reads a file to its end. Of a device or pipe whose first bytes are no asset's, those alone: it need not have an end.
+    fn read(mut file: &File) -> std::io::Result<Self> {
+        let metadata = file.metadata()?;
+        let mut start = Vec::new();
+        let length = if metadata.is_file() {
+            metadata.len()
+        } else {
+            file.take(squall_formats::magic::LOOKED_AT as u64).read_to_end(&mut start)?;
+            if !start.starts_with(&MAGIC) {
+                return Ok(Self::copy(&start));
+            }
+            0
+        };
+        let wanted = usize::try_from(length).map_err(|_| std::io::ErrorKind::FileTooLarge)?.max(FIRST_BLOCKS);
+        let mut blocks = Vec::new();
+        let mut length = start.len();
+        loop {
+            // Room for one byte more than a regular file has, which shows its end.
+            let more = if blocks.is_empty() { wanted / 64 + 1 } else { blocks.len() };
+            if !metadata.is_file() && blocks.len() + more > LONGEST_STREAM / 64 {
+                return Err(std::io::ErrorKind::FileTooLarge.into());
+            }
+            blocks.try_reserve_exact(more)?;
+            blocks.resize(blocks.len() + more, Block([0; 64]));
+            let room: &mut [u8] = bytemuck::cast_slice_mut(&mut blocks);
+            room[..start.len()].copy_from_slice(&start);
+            while length < room.len() {
+                match file.read(&mut room[length..]) {
+                    Ok(0) => {
+                        blocks.truncate(length.div_ceil(64));
+                        return Ok(Self::Owned { blocks, length });
+                    }
+                    Ok(count) => length += count,
+                    Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                    Err(error) => return Err(error),
+                }
+            }
         }
     }
 
@@ -54,12 +101,36 @@ pub struct Asset {
 impl Asset {
     /// Opens an asset file: memory-mapped with feature `mmap`, else read whole.
     ///
+    /// A mapped file must not be truncated in place while the asset is open: touching a byte that is gone ends the process with
+    /// SIGBUS. Squall's own writers never write in place; they rename whole files over old ones, and an open asset keeps the bytes
+    /// that it opened. Where other programs write, or a network folder may go away, take [`Asset::read`].
+    ///
     /// Errors: the file cannot be read, is not an asset, is damaged in a part that opening checks, has a
     /// newer version or a required section that this build does not know.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RuntimeError> {
         let asset = Self::open_directory(path)?;
         asset.check_heads()?;
         Ok(asset)
+    }
+
+    /// Reads an asset file into memory, 64 bytes aligned as a map is: whatever becomes of the file afterwards, the asset stays whole.
+    /// Takes as much memory as the file has bytes, and the time to read them all.
+    ///
+    /// Errors: as [`Asset::open`].
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, RuntimeError> {
+        let asset = Self::read_directory(path)?;
+        asset.check_heads()?;
+        Ok(asset)
+    }
+
+    /// [`Asset::open_directory`] for a file that is read into memory as by [`Asset::read`].
+    pub fn read_directory(path: impl AsRef<Path>) -> Result<Self, RuntimeError> {
+        let path = path.as_ref();
+        let bytes = File::open(path).and_then(|file| Bytes::read(&file));
+        Self::new(
+            bytes.map_err(|source| RuntimeError::Io { path: path.to_owned(), source })?,
+            path.to_owned(),
+        )
     }
 
     /// Like [`Asset::open`], but checks the header and the section table alone; each section's head is
@@ -69,16 +140,16 @@ impl Asset {
         let io = |source| RuntimeError::Io { path: path.to_owned(), source };
         #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
         let bytes = {
-            let file = std::fs::File::open(path).map_err(io)?;
+            let file = File::open(path).map_err(io)?;
             let metadata = file.metadata().map_err(io)?;
             if metadata.is_file() && metadata.len() > 0 {
                 Bytes::Mapped(crate::audited::map_file(&file).map_err(io)?)
             } else {
-                Bytes::copy(&std::fs::read(path).map_err(io)?)
+                Bytes::read(&file).map_err(io)?
             }
         };
         #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
-        let bytes = Bytes::copy(&std::fs::read(path).map_err(io)?);
+        let bytes = File::open(path).and_then(|file| Bytes::read(&file)).map_err(io)?;
         Self::new(bytes, path.to_owned())
     }
 

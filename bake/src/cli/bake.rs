@@ -1,54 +1,69 @@
 //! `squall bake RECIPE -o ASSET`
+use super::common::{Common, Memory};
 use super::folder;
-use super::picture;
-use super::progress::Bars;
+use super::picture::PictureFile;
+use super::table;
 use squall_bake::BakeError;
-use squall_bake::{output, recipe::Recipe, storm};
+use squall_bake::output::Output;
+use squall_bake::progress::Progress;
+use squall_bake::{memory, pipeline, recipe::Recipe};
 use squall_formats::container;
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 /// Bakes a recipe into one asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The recipe, TOML.
     recipe: PathBuf,
-    /// The asset to write.
+    /// The asset to write; - is standard output.
     #[arg(short, long)]
     out: PathBuf,
     /// Draws the recipe's own view from the bytes just written: .png or .exr.
     #[arg(long)]
     preview: Option<PathBuf>,
+    #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
+    common: Common,
 }
 
 pub fn run(args: Args) -> anyhow::Result<()> {
     let start = std::time::Instant::now();
     let recipe = Recipe::read(&args.recipe)?;
+    let limit = args.memory.limit();
+    memory::require_grid(&recipe, limit)?;
     if args.preview.is_some() && recipe.view.is_none() {
         return Err(BakeError::input(&args.recipe, "view", "a table [view] to preview", "none").into());
     }
     let inputs = recipe.inputs()?;
     let outputs: Vec<&Path> = std::iter::once(&args.out).chain(&args.preview).map(PathBuf::as_path).collect();
     folder::check_apart(&outputs, inputs.iter())?;
-    for path in &outputs {
-        folder::check_parent(path)?;
-    }
-    if let Some(preview) = &args.preview {
-        picture::check_name(preview)?;
-    }
-    let bars = Bars::new()?;
-    let baked = storm::bake(&recipe, &bars)?;
-    bars.finish();
-    output::write_atomically(&args.out, |out| container::write(out, &baked.sections).map(|_| ()))?;
-    super::table::stages(&baked.stages, &args.out, start.elapsed().as_secs_f64())?;
-    let Some(preview) = &args.preview else { return Ok(()) };
+    let out = Output::prepare(&args.out)?;
+    let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
+    let bars = args.common.start()?;
+    memory::require_bake(&recipe, rayon::current_num_threads() as u64, limit)?;
+    let baked = pipeline::bake(&recipe, &bars)?;
+    bars.check()?;
+    let bytes = Cell::new(0);
+    out.write(|out| container::write(out, &baked.sections).map(|written| bytes.set(written)))?;
+    let seconds = start.elapsed().as_secs_f64();
+    bars.say(&table::stages(&baked.stages, (&out.name(), bytes.get()), seconds));
+    let Some(preview) = preview else { return Ok(()) };
     let start = std::time::Instant::now();
-    let asset = Asset::open(&args.out)?;
+    bars.begin("preview", 1);
+    // What was written need not be a file.
+    let mut whole = Vec::with_capacity(bytes.get() as usize);
+    container::write(&mut whole, &baked.sections)?;
+    let asset = Asset::from_bytes(&whole)?;
     let storm = Storm::new(&asset)?;
     let Some(view) = storm.view() else { return Ok(()) };
     let mut memory = FrameMemory::default();
     let report = storm.draw(view, FrameQuality::default(), &mut memory)?;
-    picture::write(preview, memory.picture.as_ref(), &tone_of(&view.tone))?;
-    picture::say(preview, view, &report, start.elapsed().as_secs_f64())
+    preview.write(memory.picture.as_ref(), &tone_of(&view.tone))?;
+    bars.say(&preview.words(view, &report, start.elapsed().as_secs_f64()));
+    Ok(())
 }

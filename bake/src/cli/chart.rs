@@ -3,18 +3,20 @@
 mod page;
 mod svg;
 
+use super::common::Common;
 use super::folder::{OutputFolder, check_apart};
 use super::progress::Bars;
 use squall_bake::BakeError;
 use squall_bake::chart::{CHARTS, Peers, Row, Sweep, sweep};
 use squall_bake::input::read_json;
-use squall_bake::output::write_atomically;
+use squall_bake::output::{pending, write_atomically};
 use squall_bake::recipe::Recipe;
 use std::io::Write;
 use std::path::PathBuf;
 
 /// Plots error against cost, knob by knob: data.csv, data.json, an SVG a chart and one page that shows all of it.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The recipe, TOML.
     recipe: PathBuf,
@@ -40,6 +42,8 @@ pub struct Args {
     /// and leaves out what is not installed.
     #[arg(long, value_name = "SCRIPT")]
     peers: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
 }
 
 fn id(text: &str) -> Result<String, String> {
@@ -66,19 +70,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         recipe.inputs()?.iter().chain(&args.peers),
     )?;
     let mut folder = OutputFolder::prepare(&args.out)?;
-    folder.expect(names);
+    folder.expect(names)?;
+    let bars = args.common.start()?;
     let rows = if args.redraw {
         read_json(&args.out.join("data.json"), "rows of an earlier sweep (data.json)")?
     } else {
-        sweep_all(&args, &recipe)?
+        sweep_all(&args, &recipe, &bars)?
     };
     let seconds = start.elapsed().as_secs_f64();
 
-    let write = |name: &str, text: &str| {
-        write_atomically(&folder.path().join(name), |out| out.write_all(text.as_bytes()))
-    };
-    write("data.csv", &csv(&rows)?)?;
-    write("data.json", &(serde_json::to_string_pretty(&rows)? + "\n"))?;
+    let mut texts = vec![
+        ("data.csv".to_owned(), csv(&rows)?),
+        ("data.json".to_owned(), serde_json::to_string_pretty(&rows)? + "\n"),
+    ];
     let mut figures = Vec::new();
     for (id, question) in CHARTS {
         let mine: Vec<&Row> = rows.iter().filter(|row| row.chart == id).collect();
@@ -86,9 +90,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             continue;
         }
         let picture = svg::draw(id, question, &mine, usize::MAX)?;
-        write(&format!("{id}.svg"), &picture)?;
+        texts.push((format!("{id}.svg"), picture.clone()));
         // The first panel alone, for pages with little room.
-        write(&format!("{id}-card.svg"), &svg::draw(id, question, &mine, 1)?)?;
+        texts.push((format!("{id}-card.svg"), svg::draw(id, question, &mine, 1)?));
         figures.push(page::Figure { id, question, picture, rows: mine });
     }
     let how = format!(
@@ -99,21 +103,25 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         if args.redraw { String::new() } else { format!(" in {seconds:.0} s") },
         env!("CARGO_PKG_VERSION")
     );
-    write("index.html", &page::page(&how, &figures))?;
-    say!("{}: {how}", args.out.join("index.html").display());
+    texts.push(("index.html".to_owned(), page::page(&how, &figures)));
+    folder.write(|folder| {
+        for (name, text) in &texts {
+            write_atomically(&folder.join(name), |out| out.write_all(text.as_bytes()))?;
+        }
+        Ok(())
+    })?;
+    bars.say(&format!("{}: {how}", args.out.join("index.html").display()));
     for figure in &figures {
         let front = figure.rows.iter().filter(|row| row.pareto).count();
-        say!("{:<16} {:>5} points, {front} on the front", figure.id, figure.rows.len());
+        bars.say(&format!("{:<16} {:>5} points, {front} on the front", figure.id, figure.rows.len()));
     }
-    folder.keep();
     Ok(())
 }
 
 /// Sweeps chart by chart. Each leaves its rows in the folder until all are done, for [`Args::resume`].
-fn sweep_all(args: &Args, recipe: &Recipe) -> anyhow::Result<Vec<Row>> {
-    let bars = Bars::new()?;
+fn sweep_all(args: &Args, recipe: &Recipe, bars: &Bars) -> anyhow::Result<Vec<Row>> {
     let peers = match &args.peers {
-        Some(script) => Some(Peers::ask(script, &bars)?),
+        Some(script) => Some(Peers::ask(script, bars)?),
         None => None,
     };
     for absent in peers.iter().flat_map(|peers| &peers.absent) {
@@ -140,20 +148,18 @@ fn sweep_all(args: &Args, recipe: &Recipe) -> anyhow::Result<Vec<Row>> {
             let only = vec![(*id).to_owned()];
             let (reference, peers) = (args.reference.clone(), peers.clone());
             let task = Sweep { recipe, quick: args.quick, reference, peers, only };
-            let swept = sweep(&task, &bars);
-            if matches!(swept, Err(BakeError::Interrupted)) && !finished.is_empty() {
-                let done = finished.len();
-                eprintln!("note: {done} finished charts wait in {} for --resume", args.out.display());
-            }
-            let one = swept?;
+            let one = sweep(&task, bars)?;
             let text = serde_json::to_string(&one)?;
             write_atomically(&file, |out| out.write_all(text.as_bytes()))?;
             one
         };
         rows.extend(one);
         finished.push(file);
+        let (done, folder) = (finished.len(), args.out.display());
+        pending::set_note(Some(format!("{done} finished charts wait in {folder} for --resume")));
     }
     bars.finish();
+    pending::set_note(None);
     for file in finished {
         std::fs::remove_file(&file).map_err(BakeError::io(&file, "remove"))?;
     }

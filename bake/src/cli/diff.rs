@@ -1,13 +1,14 @@
 //! `squall diff A B [--json]`
+use super::asset;
 use super::table::{self, Column};
 use squall_bake::BakeError;
 use squall_bake::diff::{Difference, ValueChange, diff};
-use squall_runtime::Asset;
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Says what changed between two assets; exits 1 where they differ.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset that is looked at.
     a: PathBuf,
@@ -19,7 +20,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let [a, b] = [Asset::open(&args.a)?, Asset::open(&args.b)?];
+    let [a, b] = [asset::open(&args.a)?, asset::open(&args.b)?];
     let found = diff(&a, &b)?;
     if args.json {
         table::print(&(serde_json::to_string_pretty(&found)? + "\n"))?;
@@ -34,7 +35,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         1 => "1 section differs".to_owned(),
         count => format!("{count} sections differ"),
     };
-    Err(BakeError::Failed(format!("{} and {}: {what}", args.a.display(), args.b.display())).into())
+    Err(BakeError::Different { a: args.a, b: args.b, what }.into())
 }
 
 fn in_words(found: &Difference) -> String {

@@ -1,6 +1,7 @@
 //! A folder for results: checked before the work, gone again if nothing comes of it.
 
 use squall_bake::BakeError;
+use squall_bake::output::{self, Place, folder_of, pending};
 use std::path::{Path, PathBuf};
 
 /// A folder that exists and takes files. Folders made for it disappear with this value unless it is kept.
@@ -8,16 +9,21 @@ pub struct OutputFolder {
     path: PathBuf,
     /// Folders made here, outermost first.
     made: Vec<PathBuf>,
-    /// Names of results that may lie in it, and were not there before.
-    results: Vec<String>,
+    /// Names of results that will lie in it.
+    names: Vec<String>,
+    /// Results that are being written, and were not there before.
+    results: Vec<PathBuf>,
     kept: bool,
 }
 
 impl OutputFolder {
     /// Makes `path` and what is missing above it, and tries to write there.
     ///
-    /// Errors (exit code 4): a file stands in the way, no permission, no space.
+    /// Errors: standard output, which is no folder (exit code 3); a file stands in the way, no permission, no space (4).
     pub fn prepare(path: &Path) -> Result<Self, BakeError> {
+        if matches!(Place::of(path), Ok(Place::Stdout)) {
+            return Err(BakeError::input(path, "output", "a folder for several files", "standard output"));
+        }
         let mut missing: Vec<PathBuf> = Vec::new();
         for folder in path.ancestors().filter(|folder| !folder.as_os_str().is_empty()) {
             if folder.exists() {
@@ -25,44 +31,71 @@ impl OutputFolder {
             }
             missing.push(folder.to_owned());
         }
-        let mut folder = Self { path: path.to_owned(), made: Vec::new(), results: Vec::new(), kept: false };
+        let mut folder = Self {
+            path: path.to_owned(),
+            made: Vec::new(),
+            names: Vec::new(),
+            results: Vec::new(),
+            kept: false,
+        };
         for missing in missing.into_iter().rev() {
             std::fs::create_dir(&missing).map_err(refused(&missing, "make the folder"))?;
+            pending::expect_folder(std::slice::from_ref(&missing), &[]);
             folder.made.push(missing);
         }
+        output::sweep(path);
         tempfile::tempfile_in(path).map_err(refused(path, "write into the folder"))?;
         Ok(folder)
     }
 
-    /// The folder.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// Announces results before the work.
+    ///
+    /// Errors: one that stands there may not be replaced (exit code 4).
+    pub fn expect<'a>(&mut self, names: impl IntoIterator<Item = &'a str>) -> Result<(), BakeError> {
+        self.names.extend(names.into_iter().map(str::to_owned));
+        output::check_replaceable(&self.path, self.names.iter().map(String::as_str))
     }
 
-    /// Announces results that are about to be written: they go again unless all are kept, other files never.
-    pub fn expect<'a>(&mut self, names: impl IntoIterator<Item = &'a str>) {
-        let new = names.into_iter().filter(|name| !self.path.join(name).exists());
-        self.results.extend(new.map(str::to_owned));
-    }
-
-    /// Leaves the folder and everything in it.
-    pub fn keep(mut self) {
-        self.kept = true;
+    /// Writes the results with `write`, which is given a folder, and keeps them all, or none of those that are new. Where the system
+    /// refuses after the work all the same, they are written into a new folder among the temporary ones, and the error says where.
+    ///
+    /// Errors: those of `write`.
+    pub fn write<T>(mut self, write: impl Fn(&Path) -> anyhow::Result<T>) -> anyhow::Result<T> {
+        let paths = self.names.iter().map(|name| self.path.join(name));
+        self.results = paths.filter(|path| path.symlink_metadata().is_err()).collect();
+        pending::expect_folder(&[], &self.results);
+        let error = match write(&self.path) {
+            Ok(done) => {
+                self.kept = true;
+                return Ok(done);
+            }
+            Err(error) => error,
+        };
+        match error.downcast::<BakeError>()? {
+            BakeError::Io { file, action, source } if output::worth_keeping(&source) => {
+                let elsewhere = tempfile::Builder::new().prefix("squall-kept-").tempdir();
+                match elsewhere.ok().filter(|folder| write(folder.path()).is_ok()) {
+                    Some(folder) => Err(output::kept_error(&file, source, &folder.keep()).into()),
+                    None => Err(BakeError::Io { file, action, source }.into()),
+                }
+            }
+            error => Err(error.into()),
+        }
     }
 }
 
 impl Drop for OutputFolder {
     fn drop(&mut self) {
-        if self.kept {
-            return;
+        if !self.kept {
+            // Half a set of results is nothing.
+            for result in &self.results {
+                let _ = std::fs::remove_file(result);
+            }
+            for folder in self.made.iter().rev() {
+                let _ = std::fs::remove_dir(folder);
+            }
         }
-        // Half a set of results is nothing.
-        for name in &self.results {
-            let _ = std::fs::remove_file(self.path.join(name));
-        }
-        for folder in self.made.iter().rev() {
-            let _ = std::fs::remove_dir(folder);
-        }
+        pending::forget_folder(&self.made, &self.results);
     }
 }
 
@@ -73,15 +106,21 @@ pub fn check_apart<'a>(
 ) -> Result<(), BakeError> {
     let inputs: Vec<PathBuf> = inputs.map(|path| same_place(path)).collect();
     for (at, output) in outputs.iter().enumerate() {
-        let place = same_place(output);
-        // A device takes what is written and replaces nothing.
-        if place.exists() && !place.is_file() {
-            continue;
-        }
+        let place = match Place::of(output)? {
+            Place::File(place) => same_place(&place),
+            // A device takes what is written and replaces nothing, but two outputs at once would mix.
+            Place::Stdout => PathBuf::from("-"),
+            Place::Stream(_) => continue,
+        };
         if inputs.contains(&place) {
             return Err(BakeError::input(output, "output", "a file that is not read", "one of the inputs"));
         }
-        if outputs[..at].iter().any(|other| same_place(other) == place) {
+        let other_place = |other: &&Path| match Place::of(other) {
+            Ok(Place::File(other)) => same_place(&other),
+            Ok(Place::Stdout) => PathBuf::from("-"),
+            _ => PathBuf::new(),
+        };
+        if outputs[..at].iter().any(|other| other_place(other) == place) {
             return Err(BakeError::input(output, "output", "a file of its own", "another output"));
         }
     }
@@ -93,27 +132,10 @@ fn same_place(path: &Path) -> PathBuf {
     if let Ok(path) = path.canonicalize() {
         return path;
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    match (folder.canonicalize(), path.file_name()) {
+    match (folder_of(path).canonicalize(), path.file_name()) {
         (Ok(folder), Some(name)) => folder.join(name),
         _ => path.to_owned(),
     }
-}
-
-/// Checks before the work that a file can be put where `path` says.
-///
-/// Errors: a folder there, no folder above it (exit code 3), no permission, no space (4).
-pub fn check_parent(path: &Path) -> Result<(), BakeError> {
-    if path.is_dir() {
-        return Err(BakeError::input(path, "output", "a file name", "a folder"));
-    }
-    // A device or a pipe is written to as it is.
-    if path.exists() && !path.is_file() {
-        return Ok(());
-    }
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::tempfile_in(parent).map_err(BakeError::io(path, "write"))?;
-    Ok(())
 }
 
 /// Output that the system refuses, whatever its reason, is not the input's fault.

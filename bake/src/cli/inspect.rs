@@ -19,6 +19,7 @@ use std::path::PathBuf;
 
 /// Says what is inside an asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -29,7 +30,7 @@ pub struct Args {
 
 /// Only the heads of sections are read, so that the time taken does not depend on the asset's size.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let asset = Asset::open_directory(&args.asset)?;
+    let asset = super::asset::open_directory(&args.asset)?;
     let provenance = match asset.directory().find(ProvenanceSection::TAG) {
         Some(_) => Some(asset.section(ProvenanceSection::TAG, "provenance", ProvenanceSection::read)?),
         None => None,

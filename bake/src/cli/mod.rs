@@ -5,13 +5,16 @@ macro_rules! say {
     ($($part:tt)*) => { $crate::cli::table::print(&format!("{}\n", format_args!($($part)*)))? };
 }
 
+mod asset;
 mod bake;
 mod chart;
+mod common;
 mod diff;
 mod folder;
 mod inspect;
+pub mod interrupt;
 mod picture;
-mod progress;
+pub mod progress;
 mod query;
 mod relight;
 mod render;

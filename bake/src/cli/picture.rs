@@ -1,42 +1,79 @@
 //! Pictures on their way to files.
 
 use squall_bake::BakeError;
-use squall_bake::picture::{write_exr, write_png8};
+use squall_bake::output::{Output, Place};
+use squall_bake::picture::{encode_exr, encode_png8};
 use squall_formats::section::view::ViewSection;
 use squall_runtime::frame::FrameReport;
 use squall_runtime::picture::Picture;
 use squall_runtime::tone::Tone;
+use std::io::Write;
 use std::path::Path;
 
-/// Refuses a name that no picture can have, before the work.
-pub fn check_name(path: &Path) -> Result<(), BakeError> {
-    match path.extension().and_then(|name| name.to_str()) {
-        Some("png" | "exr") => Ok(()),
-        _ => {
-            let found = path.display().to_string();
-            Err(BakeError::input(path, "picture", "a name that ends in .png or .exr", found))
-        }
-    }
+/// Form of a picture's file.
+#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
+pub enum Format {
+    /// Developed for a display, 8 bits.
+    Png,
+    /// Linear radiance, 32-bit floats.
+    Exr,
 }
 
-/// Writes a picture in the form that its name asks for: .png or .exr.
-pub fn write(path: &Path, picture: Option<&Picture>, tone: &Tone) -> anyhow::Result<()> {
-    let Some(picture) = picture else { anyhow::bail!("{}: nothing was drawn", path.display()) };
-    match path.extension().and_then(|name| name.to_str()) {
-        Some("png") => write_png8(path, picture, tone)?,
-        Some("exr") => write_exr(path, picture)?,
-        _ => check_name(path)?,
-    }
-    Ok(())
+/// Where a picture goes and in what form, found and tried before the work.
+pub struct PictureFile {
+    output: Output,
+    format: Format,
 }
 
-/// Says what was drawn.
-pub fn say(path: &Path, view: &ViewSection, report: &FrameReport, seconds: f64) -> anyhow::Result<()> {
-    let [width, height] = view.camera.size_px;
-    let FrameReport { lights, sources, streaks } = report;
-    let light = format!("{lights} points of lightning on {sources} baked sources");
-    say!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", path.display());
-    Ok(())
+impl PictureFile {
+    /// The form is that of the name's end, .png or .exr. Standard output, devices and pipes have no such names: PNG, or as given.
+    ///
+    /// Errors: a name that no picture can have, or one of the other form (exit code 3); as [`Output::prepare`].
+    pub fn prepare(path: &Path, given: Option<Format>) -> Result<Self, BakeError> {
+        let named = match path.extension().and_then(|name| name.to_str()) {
+            Some("png") => Some(Format::Png),
+            Some("exr") => Some(Format::Exr),
+            _ => None,
+        };
+        let format = match (named, given) {
+            (Some(named), Some(given)) if named != given => {
+                let wanted = "a name that ends as --format says";
+                return Err(BakeError::input(path, "picture", wanted, path.display()));
+            }
+            (Some(format), _) => format,
+            (None, given) => match Place::of(path)? {
+                Place::File(_) => {
+                    let wanted = "a name that ends in .png or .exr";
+                    return Err(BakeError::input(path, "picture", wanted, path.display()));
+                }
+                Place::Stdout | Place::Stream(_) => given.unwrap_or(Format::Png),
+            },
+        };
+        Ok(Self { output: Output::prepare(path)?, format })
+    }
+
+    /// What it is called in words.
+    pub fn name(&self) -> String {
+        self.output.name()
+    }
+
+    /// Writes the picture; `tone` develops a PNG. Errors: nothing was drawn; as [`Output::write`].
+    pub fn write(&self, picture: Option<&Picture>, tone: &Tone) -> anyhow::Result<()> {
+        let Some(picture) = picture else { anyhow::bail!("{}: nothing was drawn", self.name()) };
+        let bytes = match self.format {
+            Format::Png => encode_png8(picture, tone)?,
+            Format::Exr => encode_exr(picture)?,
+        };
+        Ok(self.output.write(|out| out.write_all(&bytes))?)
+    }
+
+    /// What was drawn, in words.
+    pub fn words(&self, view: &ViewSection, report: &FrameReport, seconds: f64) -> String {
+        let [width, height] = view.camera.size_px;
+        let FrameReport { lights, sources, streaks } = report;
+        let light = format!("{lights} points of lightning on {sources} baked sources");
+        format!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", self.name())
+    }
 }
 
 /// Several pictures of one size in one, each half as large again as nothing is between them.
@@ -74,8 +111,8 @@ impl Sheet {
         }
     }
 
-    /// Writes the sheet. Errors: as for [`write`].
-    pub fn write(&self, path: &Path, tone: &Tone) -> anyhow::Result<()> {
-        write(path, Some(&self.whole), tone)
+    /// The whole sheet.
+    pub fn picture(&self) -> &Picture {
+        &self.whole
     }
 }

@@ -6,7 +6,6 @@ use squall_bake::density::solve_counts;
 use squall_formats::drops::View;
 use squall_formats::section::density::Mode;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
-use squall_runtime::Asset;
 use squall_runtime::density::{lookup_counts, read_density};
 use std::path::PathBuf;
 
@@ -41,7 +40,7 @@ struct Density {
     #[arg(long, value_name = "MS", default_value_t = 20.0)]
     exposure_ms: f64,
     /// Picture width over height, as 16:9 or as 1.7778.
-    #[arg(long, value_name = "W:H", default_value = "16:9", value_parser = parse_aspect)]
+    #[arg(long, value_name = "W:H", default_value = "16:9", value_parser = parse_aspect, allow_hyphen_values = true)]
     aspect: f64,
     /// Shortest streak that counts, pixels.
     #[arg(long, value_name = "PX", default_value_t = 30.0)]
@@ -68,7 +67,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 fn run_density(path: &std::path::Path, args: &Density) -> Result<()> {
-    let asset = Asset::open_directory(path)?;
+    let asset = super::asset::open_directory(path)?;
     let section = read_density(&asset)?;
     let rate = MillimetresPerHour(args.rate);
     let view = View {

@@ -1,16 +1,16 @@
 //! `squall relight ASSET --lamps LAMPS.json --camera CAMERA.json -o IMAGE [--field DIR]`
 
-use super::folder::{OutputFolder, check_apart, check_parent};
-use super::picture;
-use super::progress::Bars;
+use super::asset;
+use super::common::Common;
+use super::folder::{OutputFolder, check_apart};
+use super::picture::{Format, PictureFile};
 use serde_json::json;
 use squall_bake::BakeError;
-use squall_bake::fields::grey_picture;
+use squall_bake::fields::{Estimate, Fields, grey_picture};
 use squall_bake::input::scene::{read_camera, read_lights};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::relit::{DirectFrom, relight};
-use squall_runtime::Asset;
 use squall_runtime::relight::Relighter;
 use squall_runtime::tone::Tone;
 use std::io::Write;
@@ -19,6 +19,7 @@ use std::time::Instant;
 
 /// Clouds lit by given lamps, from an asset: a picture of the scattered light, and per-cell fields on request.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -28,9 +29,12 @@ pub struct Args {
     /// The camera (CAMERA.json): one camera object of a scene.
     #[arg(long)]
     camera: PathBuf,
-    /// The picture to write: .exr holds linear radiance, .png is developed for a display.
+    /// The picture to write: .exr holds linear radiance, .png is developed for a display; - is standard output.
     #[arg(short, long, value_name = "IMAGE")]
     out: PathBuf,
+    /// Form of the picture where its name does not tell; png if left out.
+    #[arg(long, value_enum)]
+    format: Option<Format>,
     /// Folder for per-cell fields in the layout of `squall solve`, and relight.json; made if missing.
     #[arg(long, value_name = "DIR")]
     field: Option<PathBuf>,
@@ -40,6 +44,8 @@ pub struct Args {
     /// Where light straight from the lamps is taken from; left out, from the rows where they hold it, else from the lamps.
     #[arg(long, value_enum)]
     direct: Option<Direct>,
+    #[command(flatten)]
+    common: Common,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -53,15 +59,23 @@ enum Direct {
 /// Runs the command.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let start = Instant::now();
-    picture::check_name(&args.out)?;
-    let asset = Asset::open(&args.asset)?;
+    let out = PictureFile::prepare(&args.out, args.format)?;
+    let asset = asset::open(&args.asset)?;
     let relighter = Relighter::new(&asset)?;
     let lamps = read_lights(&args.lamps)?;
     let (name, camera) = read_camera(&args.camera)?;
     check_apart(&[&args.out], [&args.asset, &args.lamps, &args.camera].into_iter())?;
-    check_parent(&args.out)?;
-    let folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
-    let bars = Bars::new()?;
+    let mut folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
+    if let Some(folder) = &mut folder {
+        let all = Fields {
+            seen: Some(Estimate::default()),
+            towards: vec![(name.clone(), Estimate::default())],
+            images: vec![(name.clone(), 0, Estimate::default())],
+            ..Fields::default()
+        };
+        folder.expect(all.file_names().iter().map(String::as_str).chain(["relight.json"]))?;
+    }
+    let bars = args.common.start()?;
     let direct = args.direct.map(|direct| match direct {
         Direct::Rows => DirectFrom::Rows,
         Direct::Lamps => DirectFrom::Lamps,
@@ -77,27 +91,26 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             report.lights_outside, report.lights, live.sweeps, live.seconds
         );
     }
-    let (_, width, image) =
-        fields.images.first().ok_or_else(|| BakeError::Failed("no picture was drawn".into()))?;
+    let (_, width, image) = fields.images.first().ok_or_else(|| BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
-    picture::write(&args.out, Some(&shown), &tone)?;
-    say!(
+    out.write(Some(&shown), &tone)?;
+    bars.say(&format!(
         "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
-        args.out.display(),
+        out.name(),
         report.lights,
         report.sources,
         report.relight_ms,
         100.0 * report.error_bound,
         start.elapsed().as_secs_f64(),
-    );
-    if let Some(mut folder) = folder {
-        folder.expect(fields.file_names().iter().map(String::as_str).chain(["relight.json"]));
-        let mut files = fields.write(folder.path())?;
+    ));
+    let (Some(folder), Some(place)) = (folder, &args.field) else { return Ok(()) };
+    let files = folder.write(|folder| {
+        let mut files = fields.write(folder)?;
         let mut summary = json!({
             "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-            "asset": args.asset,
+            "asset": args.asset.to_string_lossy(),
             "dims_xyz": relighter.cloud().shape.to_array(),
             "exposure": exposure,
             "seconds": start.elapsed().as_secs_f64(),
@@ -107,11 +120,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             summary[key] = value.clone();
         }
         let text = serde_json::to_string_pretty(&summary)? + "\n";
-        write_atomically(&folder.path().join("relight.json"), |out| out.write_all(text.as_bytes()))?;
+        write_atomically(&folder.join("relight.json"), |out| out.write_all(text.as_bytes()))?;
         files.push("relight.json".into());
-        say!("{}: {}", folder.path().display(), files.join(" "));
-        folder.keep();
-    }
+        Ok(files)
+    })?;
+    bars.say(&format!("{}: {}", place.display(), files.join(" ")));
     Ok(())
 }
 

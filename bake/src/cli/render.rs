@@ -1,21 +1,27 @@
 //! `squall render ASSET -o PICTURE`
+use super::asset;
+use super::common::Common;
 use super::folder;
-use super::picture::{self, Sheet};
+use super::picture::{Format, PictureFile, Sheet};
 use squall_bake::BakeError;
+use squall_bake::progress::Progress;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
 use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
-    /// The picture to write.
+    /// The picture to write; - is standard output.
     #[arg(short, long)]
     out: PathBuf,
+    /// Form of the picture where its name does not tell; png if left out.
+    #[arg(long, value_enum)]
+    format: Option<Format>,
     /// A view in place of the asset's own: a TOML file with [view] and the tables under it, as in a recipe.
     #[arg(long)]
     scene: Option<PathBuf>,
@@ -40,6 +46,8 @@ pub struct Args {
     /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down.
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
     contact_sheet: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 fn stops(text: &str) -> Result<f32, String> {
@@ -53,17 +61,18 @@ const SHEET_RATES: [f64; 4] = [0.0, 2.0, 25.0, 75.0];
 
 pub fn run(args: Args) -> anyhow::Result<()> {
     let start = std::time::Instant::now();
-    picture::check_name(&args.out)?;
+    let out = PictureFile::prepare(&args.out, args.format)?;
     folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene))?;
-    folder::check_parent(&args.out)?;
-    let asset = Asset::open(&args.asset)?;
+    let asset = asset::open(&args.asset)?;
     let storm = Storm::new(&asset)?;
     let view = view_of(&args, &storm)?;
     let mut quality = FrameQuality::default();
     quality.town.samples = args.samples;
     let mut memory = FrameMemory::default();
     let tone = tone_of(&view.tone).brighter(args.stops);
+    let bars = args.common.start()?;
     if args.contact_sheet {
+        bars.begin("pictures", 2 * SHEET_RATES.len() as u64);
         let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
         for row in 0..2 {
             for (column, rate) in SHEET_RATES.into_iter().enumerate() {
@@ -74,15 +83,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 }
                 storm.draw(&one, quality, &mut memory)?;
                 sheet.place(column, row, memory.picture.as_ref());
+                bars.check()?;
+                bars.advance(1);
             }
         }
-        sheet.write(&args.out, &tone)?;
-        say!("{}: 8 pictures, {:.2} s", args.out.display(), start.elapsed().as_secs_f64());
+        out.write(Some(sheet.picture()), &tone)?;
+        bars.say(&format!("{}: 8 pictures, {:.2} s", out.name(), start.elapsed().as_secs_f64()));
         return Ok(());
     }
+    bars.begin("picture", 1);
     let report = storm.draw(&view, quality, &mut memory)?;
-    picture::write(&args.out, memory.picture.as_ref(), &tone)?;
-    picture::say(&args.out, &view, &report, start.elapsed().as_secs_f64())
+    out.write(memory.picture.as_ref(), &tone)?;
+    bars.say(&out.words(&view, &report, start.elapsed().as_secs_f64()));
+    Ok(())
 }
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.

@@ -1,12 +1,14 @@
 //! `squall solve SCENE.json --lamp NAME -o DIR [--method sweep|monte-carlo …]`
 
+use super::common::{Common, Memory};
 use super::folder::OutputFolder;
 use super::progress::Bars;
 use anyhow::Result;
 use serde_json::{Value, json};
-use squall_bake::cloud::{TruthSettings, solve_light};
-use squall_bake::fields::{Fields, orthographic};
+use squall_bake::cloud::{TruthSettings, automatic_refinement, solve_light};
+use squall_bake::fields::{Estimate, Fields, orthographic};
 use squall_bake::input::scene::{Optics, Scene, read_scene};
+use squall_bake::memory;
 use squall_bake::monte_carlo::{ChanceSettings, PHOTONS, solve_by_chance};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
@@ -19,6 +21,7 @@ use std::time::Instant;
 
 /// The slow truth: fields and pictures of one light in a scene, without an asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The scene (SCENE.json).
     scene: PathBuf,
@@ -50,6 +53,10 @@ pub struct Args {
     /// monte-carlo: seed of the random numbers; 1 if left out.
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
+    #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
+    common: Common,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -90,10 +97,15 @@ pub fn run(args: Args) -> Result<()> {
         error.exit();
     }
     let start = Instant::now();
+    if let (Method::Sweep, Some(cells)) = (args.method, memory::cells_of(&args.scene)) {
+        // Before the cells are read; what refinement makes of them is known only then.
+        memory::of_solve(cells, args.refine.unwrap_or(1), 0).require(&args.scene, args.memory.limit(), "")?;
+    }
     let scene = read_scene(&args.scene, Optics::default())?;
     let light = scene.light(&args.lamp)?;
     let mut folder = OutputFolder::prepare(&args.out)?;
-    let bars = Bars::new()?;
+    folder.expect(file_names(&args, &scene).iter().map(String::as_str).chain(["solve.json"]))?;
+    let bars = args.common.start()?;
     let (fields, report, lines) = match args.method {
         Method::Sweep => sweep(&args, &scene, light, &bars)?,
         Method::MonteCarlo => monte_carlo(&args, &scene, light, &bars)?,
@@ -101,29 +113,43 @@ pub fn run(args: Args) -> Result<()> {
     bars.finish();
     bars.check()?;
     let seconds = start.elapsed().as_secs_f64();
-    folder.expect(fields.file_names().iter().map(String::as_str).chain(["solve.json"]));
-    let mut files = fields.write(folder.path())?;
-    let mut summary = json!({
-        "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-        "scene": args.scene,
-        "lamp": args.lamp,
-        "dims_xyz": scene.cloud.shape.to_array(),
-        "seconds": seconds,
-        "files": files,
-    });
-    for (key, value) in report.as_object().into_iter().flatten() {
-        summary[key] = value.clone();
-    }
-    let text = serde_json::to_string_pretty(&summary)? + "\n";
-    write_atomically(&folder.path().join("solve.json"), |out| out.write_all(text.as_bytes()))?;
-    files.push("solve.json".into());
-    say!("{lines}; {seconds:.1} s");
-    say!("{}: {}", args.out.display(), files.join(" "));
-    folder.keep();
+    let files = folder.write(|folder| {
+        let mut files = fields.write(folder)?;
+        let mut summary = json!({
+            "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
+            "scene": args.scene.to_string_lossy(),
+            "lamp": args.lamp,
+            "dims_xyz": scene.cloud.shape.to_array(),
+            "seconds": seconds,
+            "files": files,
+        });
+        for (key, value) in report.as_object().into_iter().flatten() {
+            summary[key] = value.clone();
+        }
+        let text = serde_json::to_string_pretty(&summary)? + "\n";
+        write_atomically(&folder.join("solve.json"), |out| out.write_all(text.as_bytes()))?;
+        files.push("solve.json".into());
+        Ok(files)
+    })?;
+    bars.say(&format!("{lines}; {seconds:.1} s\n{}: {}", args.out.display(), files.join(" ")));
     Ok(())
 }
 
+/// Names of the fields and pictures that a solve will write.
+fn file_names(args: &Args, scene: &Scene) -> Vec<String> {
+    let error = (args.method == Method::MonteCarlo).then(Vec::new);
+    let one = Estimate { mean: Vec::new(), error };
+    let towards = orthographic(&scene.cameras).map(|(name, _)| (name.clone(), one.clone())).collect();
+    let images = scene.cameras.iter().map(|(name, _)| (name.clone(), 0, one.clone())).collect();
+    Fields { phi_scattered: one.clone(), phi_direct: one.clone(), towards, seen: None, images }.file_names()
+}
+
 fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Fields, Value, String)> {
+    let cells = scene.cloud.shape.len() as u64;
+    let refine = args.refine.unwrap_or_else(|| automatic_refinement(&scene.cloud));
+    let directions = orthographic(&scene.cameras).count() as u64;
+    let remedy = if refine > 1 { ", or a smaller --refine" } else { "" };
+    memory::of_solve(cells, refine, directions).require(&args.scene, args.memory.limit(), remedy)?;
     let mut settings = TruthSettings { refine: args.refine.unwrap_or(0), ..TruthSettings::default() };
     settings.solve.quadrature = args.directions.unwrap_or(settings.solve.quadrature);
     settings.solve.tolerance = args.tolerance.unwrap_or(settings.solve.tolerance);

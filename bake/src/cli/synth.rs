@@ -1,14 +1,17 @@
 //! `squall synth …`: inputs from seeds.
 
+use super::folder::OutputFolder;
 use super::progress::Bars;
+use squall_bake::BakeError;
+use squall_bake::input;
+use squall_bake::output::{Output, Place, folder_of};
 use squall_bake::synth::cloud::{CloudKind, synth_cloud};
 use squall_bake::synth::streak::write_streaks;
 use squall_bake::synth::stroke::stroke_json;
 use squall_bake::synth::town::synth_town;
-use squall_bake::{input, output};
 use squall_formats::GridShape;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Makes inputs from seeds, so that a storm can be baked with nothing but this program.
 #[derive(clap::Subcommand)]
@@ -25,6 +28,7 @@ pub enum Synth {
 
 /// Arguments of `squall synth stroke`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct StrokeArgs {
     /// The JSON file.
     #[arg(short, long, value_name = "OUT")]
@@ -48,6 +52,7 @@ pub struct StrokeArgs {
 
 /// Arguments of `squall synth streaks`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Streaks {
     /// Folder for the pictures; made if missing.
     #[arg(short, long, value_name = "DIR")]
@@ -62,6 +67,7 @@ pub struct Streaks {
 
 /// Arguments of `squall synth cloud`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Cloud {
     /// Name of the two files, without extension or with .json.
     #[arg(short, long, value_name = "OUT")]
@@ -90,6 +96,7 @@ enum Kind {
 
 /// Arguments of `squall synth town`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Town {
     /// The JSON file.
     #[arg(short, long, value_name = "OUT")]
@@ -131,6 +138,7 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
                 Kind::Storm => CloudKind::Storm,
                 Kind::Layer => CloudKind::Layer,
             };
+            check_cloud(&arguments.out)?;
             let cloud = synth_cloud(kind, arguments.seed, arguments.cells)?.centred_on(arguments.centre);
             let scene = cloud.write(&arguments.out)?;
             say!("{}", scene.display());
@@ -138,18 +146,18 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
         Synth::Town(arguments) => {
             let note = format!("squall synth town --seed {}", arguments.seed);
             let text = input::town::town_json(&synth_town(arguments.seed), &note);
-            output::write_atomically(&arguments.out, |out| out.write_all(text.as_bytes()))?;
-            say!("{}", arguments.out.display());
+            write_text(&arguments.out, &text)?;
         }
         Synth::Stroke(arguments) => {
             let StrokeArgs { out, seed, from, to, intensity, spacing } = arguments;
             let text = stroke_json(seed, [from, to], intensity, spacing)?;
-            output::write_atomically(&out, |file| file.write_all(text.as_bytes()))?;
-            say!("{}", out.display());
+            write_text(&out, &text)?;
         }
         Synth::Streaks(arguments) => {
-            let bars = Bars::new()?;
-            let files = write_streaks(&arguments.out, arguments.seed, arguments.count, &bars)?;
+            let bars = Bars::new(false);
+            let Streaks { out, seed, count } = arguments;
+            let files =
+                OutputFolder::prepare(&out)?.write(|out| Ok(write_streaks(out, seed, count, &bars)?))?;
             bars.finish();
             for file in &files {
                 say!("{}", file.display());
@@ -157,4 +165,25 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Writes a text to a file, whose name goes to standard output, or to standard output itself.
+fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+    let out = Output::prepare(path)?;
+    out.write(|out| out.write_all(text.as_bytes()))?;
+    if !out.is_stdout() {
+        say!("{}", out.name());
+    }
+    Ok(())
+}
+
+/// Refuses a name that two files cannot be made from, before the work. Errors: as [`Output::prepare`].
+fn check_cloud(out: &Path) -> Result<(), BakeError> {
+    if !matches!(Place::of(out)?, Place::File(_)) {
+        return Err(BakeError::input(out, "output", "a name for two files", "standard output or a device"));
+    }
+    let stem = if out.extension().is_some_and(|e| e == "json") { out.with_extension("") } else { out.into() };
+    let name = stem.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let names = ["f32", "json"].map(|extension| format!("{name}.{extension}"));
+    names.iter().try_for_each(|name| Output::prepare(&folder_of(out).join(name)).map(|_| ()))
 }

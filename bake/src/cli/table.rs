@@ -1,18 +1,18 @@
 //! The closing table of a bake.
 
-use squall_bake::storm::StageReport;
-use std::path::Path;
+use squall_bake::pipeline::StageReport;
+use std::fmt::Write;
 
-/// Prints what each stage made, how long it took, how big it is and how far off.
-pub fn stages(stages: &[StageReport], asset: &Path, seconds: f64) -> anyhow::Result<()> {
+/// What each stage made, how long it took, how big it is and how far off; last the whole asset, by its name, bytes and seconds.
+pub fn stages(stages: &[StageReport], (asset, bytes): (&str, u64), seconds: f64) -> String {
     let made = stages.iter().map(|s| s.made.chars().count()).max().unwrap_or(0).max(4);
-    say!("{:<16} {:<made$} {:>9} {:>12}  error", "stage", "made", "seconds", "bytes");
+    let mut text = format!("{:<16} {:<made$} {:>9} {:>12}  error\n", "stage", "made", "seconds", "bytes");
     for s in stages {
-        say!("{:<16} {:<made$} {:>9.2} {:>12}  {}", s.stage, s.made, s.seconds, s.bytes, s.error);
+        let (stage, words) = (s.stage, &s.made);
+        let _ = writeln!(text, "{stage:<16} {words:<made$} {:>9.2} {:>12}  {}", s.seconds, s.bytes, s.error);
     }
-    let bytes = std::fs::metadata(asset)?.len();
-    say!("{:<16} {:<made$} {seconds:>9.2} {bytes:>12}", "whole asset", asset.display().to_string());
-    Ok(())
+    let _ = writeln!(text, "{:<16} {asset:<made$} {seconds:>9.2} {bytes:>12}", "whole asset");
+    text
 }
 
 /// A column of [`layout`].

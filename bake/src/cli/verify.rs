@@ -1,10 +1,11 @@
 //! `squall verify ASSET`
 use squall_bake::BakeError;
-use squall_runtime::{Asset, RuntimeError, verify};
+use squall_runtime::{RuntimeError, verify};
 use std::path::PathBuf;
 
 /// Reads every byte of an asset and says whether it is whole.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -12,8 +13,9 @@ pub struct Args {
 
 /// Exits 1 when the asset is damaged; a file that is no asset, or one of a newer version, is bad input and exits 3.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let done =
-        Asset::open_directory(&args.asset).and_then(|asset| verify::verify(&asset)).map_err(evaluate)?;
+    let done = super::asset::open_directory(&args.asset)
+        .and_then(|asset| verify::verify(&asset))
+        .map_err(evaluate)?;
     let unknown = match done.unknown {
         0 => String::new(),
         count => format!(", and {count} of unknown kind"),
@@ -30,7 +32,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn evaluate(error: RuntimeError) -> BakeError {
     match &error {
-        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Failed(error.to_string()),
+        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Damaged(error),
         _ => BakeError::Asset(error),
     }
 }
