@@ -3,6 +3,7 @@
 mod chart;
 mod diff;
 mod disk;
+mod inputs;
 mod inspect;
 mod monte_carlo;
 mod outputs;
