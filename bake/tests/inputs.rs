@@ -2,7 +2,7 @@
 
 use assert_cmd::Command;
 use squall_bake::progress::Progress;
-use squall_bake::{recipe::Recipe, storm};
+use squall_bake::{pipeline, recipe::Recipe};
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::streak::StreakSection;
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ fn an_unknown_key_of_a_json_input_is_refused_with_the_nearest() {
         std::fs::write(folder.path().join(file), text).unwrap();
         let path = folder.path().join(file);
         let error = match file {
-            "lamp.json" => squall_bake::input::scene::read_lamps(&path).unwrap_err(),
+            "lamp.json" => squall_bake::input::scene::read_lights(&path).unwrap_err(),
             _ => squall_bake::input::scene::read_camera(&path).unwrap_err(),
         };
         assert!(error.to_string().contains(near) && error.exit_code() == 3, "{error}");
@@ -73,7 +73,9 @@ fn descriptive_keys_stay_and_facts_in_words_are_obeyed_or_refused() {
     assert!(solved(words, &VALUES).unwrap() == plain);
     // The same cloud, written with z fastest.
     let turned: Vec<f32> = (0..12).map(|i| VALUES[i / 4 + 3 * (i / 2 % 2 + 2 * (i % 2))]).collect();
-    assert!(turned != VALUES && solved("\"index\": \"z + nz*(y + ny*x), z fastest\",", &turned).unwrap() == plain);
+    assert!(
+        turned != VALUES && solved("\"index\": \"z + nz*(y + ny*x), z fastest\",", &turned).unwrap() == plain
+    );
     for (more, word) in [
         ("\"index\": \"y fastest\",", "index"),
         ("\"units\": \"kilometres\",", "units"),
@@ -142,7 +144,10 @@ fn a_foreign_format_is_named_by_its_magic_number_wherever_it_is_handed_in() {
         ];
         for call in calls.iter().filter(|call| !(kind.contains("EXR") && call[0] == "streaks")) {
             let (code, _, error) = squall(path, call);
-            assert!(code == 3 && error.contains(kind) && error.lines().count() == 1, "{call:?} {code}: {error}");
+            assert!(
+                code == 3 && error.contains(kind) && error.lines().count() == 1,
+                "{call:?} {code}: {error}"
+            );
         }
     }
     std::fs::write(path.join("x"), scene("")).unwrap();
@@ -236,7 +241,10 @@ fn documented_ends_of_the_view_are_inside_and_messages_use_the_recipes_units() {
         ("heading_deg = 5730.0", ["view.heading_deg", "5729.5 degrees"]),
         ("heading_deg = 0\npitch_deg = 91", ["view.pitch_deg", "90 degrees"]),
         ("heading_deg = 0\nexposure_ms = 1e5", ["view.exposure_ms", "10000 ms"]),
-        ("heading_deg = 0\n[view.sky]\nsun_elevation_deg = -18", ["view.sky.sun_elevation_deg", "-17 to 90 degrees"]),
+        (
+            "heading_deg = 0\n[view.sky]\nsun_elevation_deg = -18",
+            ["view.sky.sun_elevation_deg", "-17 to 90 degrees"],
+        ),
         ("heading_deg = 0\n[view.sky]\nsun_azimuth_deg = 1e5", ["view.sky.sun_azimuth_deg", "degrees"]),
         ("heading_deg = 0\n[view.rain]\nradius_m = -1", ["view.rain.radius_m", "0 to 1e7 m"]),
         (
@@ -315,7 +323,7 @@ fn what_is_hashed_is_what_was_used() {
     std::fs::write(&recipe, text).unwrap();
     let recipe = Recipe::read(&recipe).unwrap();
     let swap = Swap { place, by: read("streak1.png") };
-    let baked = storm::bake(&recipe, &swap).unwrap();
+    let baked = pipeline::bake(&recipe, &swap).unwrap();
     let head = |tag| baked.sections.iter().find(|section| section.tag == tag).unwrap().parts.concat();
     let limits = Default::default();
     let provenance = ProvenanceSection::read(&head(ProvenanceSection::TAG), 1, &limits).unwrap();
