@@ -330,7 +330,7 @@ fn one_two_and_eight_threads_and_every_simd_level_bake_the_same_bytes() {
 }
 
 #[test]
-fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fewer_bytes() {
+fn leaving_hidden_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fewer_bytes() {
     // All density in one corner: most of the grid is far from any.
     let mut cloud = cloud();
     for index in 0..cloud.shape.len() {

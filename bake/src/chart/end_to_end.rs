@@ -9,7 +9,7 @@ use crate::cloud::automatic_samples;
 use crate::error::BakeError;
 use crate::evaluate::candidate::touched;
 use crate::evaluate::{RelativeL2, relative_l2};
-use crate::monte_carlo::{ChanceSettings, solve_by_chance};
+use crate::monte_carlo::{MonteCarloSettings, solve_monte_carlo};
 use crate::progress::{Progress, Quiet};
 use crate::relit::relight;
 use crate::response::{Job, LightGrid, ResponseSettings, Sources, bake_response};
@@ -251,8 +251,8 @@ fn path_trace(
     let (mut sum, mut square): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
     for (at, light) in lights.iter().enumerate() {
         let light = Light::Point { position: light.position, intensity: light.intensity };
-        let settings = ChanceSettings { photons, seed: SEED + at as u64 };
-        let (fields, _) = solve_by_chance(&scene.cloud, light, &cameras, &settings, progress)?;
+        let settings = MonteCarloSettings { photons, seed: SEED + at as u64 };
+        let (fields, _) = solve_monte_carlo(&scene.cloud, light, &cameras, &settings, progress)?;
         let image = &fields.images[0].2;
         sum.resize(image.mean.len(), 0.0);
         sum.iter_mut().zip(&image.mean).for_each(|(sum, value)| *sum += value);

@@ -213,7 +213,11 @@ fn describe_response(head: &ResponseHead) -> String {
     let channels = match head.channels {
         DirectionalBasis::Directions26 => "26 directions".to_owned(),
         DirectionalBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
-        DirectionalBasis::ViewRegion { .. } => format!("{} channels towards eyes", head.channels.count()),
+        DirectionalBasis::ViewRegion { .. } => {
+            let count = head.channels.count();
+            let plural = if count == 1 { "coefficient" } else { "coefficients" };
+            format!("{count} {plural} towards a view region")
+        }
     };
     let cells = head.shape.len();
     let seen = match (0..cells).filter(|&cell| head.sees(cell)).count() {
@@ -222,7 +226,7 @@ fn describe_response(head: &ResponseHead) -> String {
     };
     let view_region = head.view_region.as_ref().map_or_else(String::new, |view_region| {
         let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
-        format!(", for eyes between {low} and {high} m")
+        format!(", for viewpoints between {low} and {high} m")
     });
     let codec = match head.codec {
         Codec::Paper => "index and value",
@@ -233,7 +237,7 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::AtRunTime => "direct light at run time",
     };
     format!(
-        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}{seen}{view_region}",
+        "response: {baked} of {} × {} × {} virtual lights, {} distant lights, {channels}, {codec}, {direct}{seen}{view_region}",
         x_m.len(),
         y_m.len(),
         z_m.len(),
