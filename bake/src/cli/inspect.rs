@@ -209,7 +209,7 @@ fn describe_response(head: &ResponseHead) -> String {
     let lights = head.sources.light_grid().map_or_else(String::new, |(grid, rows)| {
         let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
         let [x, y, z] = grid.axes().map(<[f64]>::len);
-        format!("{baked} of {x} × {y} × {z} lamps, ")
+        format!("{baked} of {x} × {y} × {z} virtual lights, ")
     });
     let basis = head.basis.name();
     let cells = head.shape.len();
@@ -219,7 +219,7 @@ fn describe_response(head: &ResponseHead) -> String {
     };
     let view_region = head.view_region.as_ref().map_or_else(String::new, |view_region| {
         let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
-        format!(", for eyes between {low} and {high} m")
+        format!(", for viewpoints between {low} and {high} m")
     });
     let codec = match head.codec {
         Codec::Paper => "index and value",

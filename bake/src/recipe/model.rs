@@ -103,7 +103,7 @@ pub struct Optics {
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseSettings {
     /// Directions, harmonics, or polynomials towards a view region.
-    pub channels: DirectionalBasis,
+    pub basis: DirectionalBasis,
     /// Direct light in the rows or left to the runtime.
     pub direct: DirectTerm,
     /// How coefficients are stored.
@@ -156,7 +156,7 @@ pub struct Given {
 pub struct Keys {
     /// `clouds.view_region` or `clouds.eyes`.
     pub view_region: &'static str,
-    /// `clouds.response.basis` or `clouds.response.channels`.
+    /// `clouds.response.basis` or `clouds.response.basis`.
     pub basis: &'static str,
 }
 

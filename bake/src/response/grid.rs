@@ -1,4 +1,4 @@
-//! Where virtual lamps stand: the nodes of a lightning grid. \[dobashi\] §5.
+//! Where virtual point lights stand: the nodes of a lightning grid. \[dobashi\] §5.
 
 use glam::DVec3;
 use squall_formats::light_grid::LightGrid;
@@ -23,7 +23,7 @@ impl WantedLights {
         self.grid.is_empty()
     }
 
-    /// The nodes that a light at `point` is split over; `None` outside the grid.
+    /// The nodes that a point light at `point` is split over; `None` outside the grid.
     pub fn around(&self, point: DVec3) -> Option<Vec<usize>> {
         self.grid.nodes_around(point.to_array())
     }
@@ -38,7 +38,7 @@ impl WantedLights {
         (0..self.len()).filter(|&index| self.is_wanted(index)).count()
     }
 
-    /// Whether a lamp at `point` is split over nodes that are all to be baked.
+    /// Whether a point light at `point` is split over nodes that are all to be baked.
     pub fn reaches(&self, point: DVec3) -> bool {
         self.around(point).is_some_and(|nodes| nodes.iter().all(|&node| self.is_wanted(node)))
     }
@@ -49,7 +49,7 @@ impl WantedLights {
     }
 }
 
-/// Node coordinates of a lamp grid over a cloud. \[dobashi\] §5.
+/// Node coordinates of a light grid over a cloud. \[dobashi\] §5.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSpacing {
     /// Distance between nodes sideways and above the cloud's base, h_usr, m.
@@ -96,7 +96,7 @@ mod tests {
     const SPACING: LightSpacing = LightSpacing { base_m: 100.0, epsilon: 2e-6, longest_m: 1000.0 };
 
     #[test]
-    fn lamp_intervals_are_even_above_the_base_and_widen_below_it_within_eq_4() {
+    fn intervals_are_even_above_the_base_and_widen_below_it_within_eq_4() {
         let grid =
             light_grid(DVec3::new(0.0, 0.0, -4000.0), DVec3::new(1000.0, 500.0, 400.0), 0.0, SPACING).grid;
         assert_eq!(grid.x_m.len(), 11);
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_box_above_the_base_or_of_no_height_still_has_nodes() {
+    fn a_box_above_the_base_or_of_no_height_still_has_nodes() {
         let grid = light_grid(DVec3::new(0.0, 0.0, 100.0), DVec3::new(0.0, 0.0, 100.0), 0.0, SPACING).grid;
         assert_eq!((grid.x_m.len(), grid.y_m.len(), grid.z_m.len()), (1, 1, 1));
     }
