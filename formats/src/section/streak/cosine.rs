@@ -1,4 +1,4 @@
-//! A constant and cosines under a window. [weber] eq. 1 with a plus where × is printed, and with the
+//! A constant and cosines under a window. \[weber\] eq. 1 with a plus where × is printed, and with the
 //! constant that the printed sum leaves out.
 
 use super::kind::Kind;
