@@ -25,6 +25,10 @@ const BAKE_MOMENTS: u64 = 4;
 const DIRECTIONS: u64 = 26;
 /// Values per solve cell that prepared grids hold: extinction, its scaled twin, the root of its scattering, the cell's parent.
 const PREPARED: u64 = 5;
+/// Rows solved before they are gathered.
+const GROUP: u64 = 256;
+/// Rows that a stroke touches, about.
+const ROWS_OF_A_STROKE: u64 = 16;
 /// Bytes that a coefficient of a coded row takes, about: most are zero.
 const CODED: f64 = 0.25;
 
@@ -102,11 +106,14 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
     let strokes = u64::from(clouds.test_strokes);
     let stroke = cells * (2 * DIRECTIONS + 1 + channels) * VALUE;
     // Rows are held as they are coded, as a section and once more as an asset to judge.
+    // Rows that strokes are split over stay as they were solved until their group of batches is done.
+    let held = rows.min(GROUP).min(strokes * ROWS_OF_A_STROKE).saturating_mul(cells * channels * VALUE);
     let coded = 3.0 * CODED * rows as f64 * channels as f64 * cells as f64;
     let shared = PROGRAM
         .saturating_add(fine.saturating_mul(PREPARED * VALUE))
         .saturating_add(cells * 2 * VALUE)
         .saturating_add(strokes.saturating_mul(stroke))
+        .saturating_add(held)
         .saturating_add(coded as u64);
     let batches = rows.div_ceil(lanes).max(1);
     Estimate { shared, thread, threads: threads.min(batches).min(lanes), cells }

@@ -288,7 +288,12 @@ fn every_command_stops_at_once_and_leaves_nothing() {
     interrupted(&photons, folder.path(), "-INT", second);
     let render = ["render", "a.squall", "-o", "new.png", "--size", "8000", "6000", "--samples", "8"];
     interrupted(&render, folder.path(), "-TERM", second);
-    interrupted(&["chart", "storm.toml", "-o", "charts", "--only", "transport"], folder.path(), "-INT", second);
+    interrupted(
+        &["chart", "storm.toml", "-o", "charts", "--only", "transport"],
+        folder.path(),
+        "-INT",
+        second,
+    );
 }
 
 #[test]
