@@ -152,11 +152,12 @@ fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeE
     Ok(13u64.pow(3))
 }
 
-/// Cells of a scene's grid by its own words, without reading it; none where they do not say.
+/// Cells of a scene's grid by its own words, without reading it; none where they do not say, or say more than any grid may have.
 pub fn cells_of(scene: &Path) -> Option<u64> {
     let file: serde_json::Value = crate::input::read_json(scene, "a scene (SCENE.json)").ok()?;
     let counts = file.get("dims_xyz")?.as_array()?;
-    counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))
+    let cells = counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))?;
+    (cells <= squall_formats::Limits::default().cells as u64).then_some(cells)
 }
 
 /// How much memory the work may take.
