@@ -25,6 +25,10 @@ const BAKE_MOMENTS: u64 = 4;
 const DIRECTIONS: u64 = 26;
 /// Values per solve cell that prepared grids hold: extinction, its scaled twin, the root of its scattering, the cell's parent.
 const PREPARED: u64 = 5;
+/// Rows solved before they are gathered.
+const GROUP: u64 = 256;
+/// Rows that a stroke touches, about.
+const ROWS_OF_A_STROKE: u64 = 16;
 /// Bytes that a coefficient of a coded row takes, about: most are zero.
 const CODED: f64 = 0.25;
 
@@ -102,11 +106,14 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
     let strokes = u64::from(clouds.held_out_strokes);
     let stroke = cells * (2 * DIRECTIONS + 1 + basis) * VALUE;
     // Rows are held as they are coded, as a section and once more as an asset to score.
+    // Rows that strokes are split over stay as they were solved until their group of batches is done.
+    let held = rows.min(GROUP).min(strokes * ROWS_OF_A_STROKE).saturating_mul(cells * basis * VALUE);
     let coded = 3.0 * CODED * rows as f64 * basis as f64 * cells as f64;
     let shared = PROGRAM
         .saturating_add(fine.saturating_mul(PREPARED * VALUE))
         .saturating_add(cells * 2 * VALUE)
         .saturating_add(strokes.saturating_mul(stroke))
+        .saturating_add(held)
         .saturating_add(coded as u64);
     let batches = rows.div_ceil(lanes).max(1);
     Estimate { shared, thread, threads: threads.min(batches).min(lanes), cells }
@@ -142,11 +149,12 @@ fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeE
     Ok(site.place_lights(site.usual_spacing_m())?.wanted_count() as u64)
 }
 
-/// Cells of a scene's grid by its own words, without reading it; none where they do not say.
+/// Cells of a scene's grid by its own words, without reading it; none where they do not say, or say more than any grid may have.
 pub fn cells_of(scene: &Path) -> Option<u64> {
     let file: serde_json::Value = crate::input::read_json(scene, "a scene (SCENE.json)").ok()?;
     let counts = file.get("dims_xyz")?.as_array()?;
-    counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))
+    let cells = counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))?;
+    (cells <= squall_formats::Limits::default().cells as u64).then_some(cells)
 }
 
 /// How much memory the work may take.
