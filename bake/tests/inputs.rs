@@ -73,7 +73,9 @@ fn descriptive_keys_stay_and_facts_in_words_are_obeyed_or_refused() {
     assert!(solved(words, &VALUES).unwrap() == plain);
     // The same cloud, written with z fastest.
     let turned: Vec<f32> = (0..12).map(|i| VALUES[i / 4 + 3 * (i / 2 % 2 + 2 * (i % 2))]).collect();
-    assert!(turned != VALUES && solved("\"index\": \"z + nz*(y + ny*x), z fastest\",", &turned).unwrap() == plain);
+    assert!(
+        turned != VALUES && solved("\"index\": \"z + nz*(y + ny*x), z fastest\",", &turned).unwrap() == plain
+    );
     for (more, word) in [
         ("\"index\": \"y fastest\",", "index"),
         ("\"units\": \"kilometres\",", "units"),
@@ -142,7 +144,10 @@ fn a_foreign_format_is_named_by_its_magic_number_wherever_it_is_handed_in() {
         ];
         for call in calls.iter().filter(|call| !(kind.contains("EXR") && call[0] == "streaks")) {
             let (code, _, error) = squall(path, call);
-            assert!(code == 3 && error.contains(kind) && error.lines().count() == 1, "{call:?} {code}: {error}");
+            assert!(
+                code == 3 && error.contains(kind) && error.lines().count() == 1,
+                "{call:?} {code}: {error}"
+            );
         }
     }
     std::fs::write(path.join("x"), scene("")).unwrap();
@@ -236,7 +241,10 @@ fn documented_ends_of_the_view_are_inside_and_messages_use_the_recipes_units() {
         ("heading_deg = 5730.0", ["view.heading_deg", "5729.5 degrees"]),
         ("heading_deg = 0\npitch_deg = 91", ["view.pitch_deg", "90 degrees"]),
         ("heading_deg = 0\nexposure_ms = 1e5", ["view.exposure_ms", "10000 ms"]),
-        ("heading_deg = 0\n[view.sky]\nsun_elevation_deg = -18", ["view.sky.sun_elevation_deg", "-17 to 90 degrees"]),
+        (
+            "heading_deg = 0\n[view.sky]\nsun_elevation_deg = -18",
+            ["view.sky.sun_elevation_deg", "-17 to 90 degrees"],
+        ),
         ("heading_deg = 0\n[view.sky]\nsun_azimuth_deg = 1e5", ["view.sky.sun_azimuth_deg", "degrees"]),
         ("heading_deg = 0\n[view.rain]\nradius_m = -1", ["view.rain.radius_m", "0 to 1e7 m"]),
         (
