@@ -112,20 +112,28 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
     Estimate { shared, thread, threads: threads.min(batches).min(lanes), cells }
 }
 
+/// What [`require_bake`] can tell before the grid's cells are read: whether one batch of sources fits.
+///
+/// Errors (exit code 3): too little memory.
+pub fn require_grid(recipe: &Recipe, limit: Limit) -> Result<(), BakeError> {
+    let Some(clouds) = &recipe.clouds else { return Ok(()) };
+    let Some(cells) = cells_of(&clouds.scene) else { return Ok(()) };
+    of_response(clouds, cells, 1, 1).require(&clouds.scene, limit, remedy(clouds))
+}
+
+fn remedy(clouds: &Clouds) -> &'static str {
+    if clouds.response.refine > 1 { ", or a smaller clouds.transport.refine" } else { "" }
+}
+
 /// Memory of baking `recipe` on `threads`; none where it has no clouds. Settings that budgets choose count as the recipe's own.
 ///
-/// `limit` is asked twice: of the grid's size alone before its cells are read, and of all sources then. Errors: too little memory
-/// (exit code 3); inputs that are missing or out of range.
+/// Errors: too little memory (exit code 3); inputs that are missing or out of range.
 pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Option<Estimate>, BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(None) };
-    let remedy = if clouds.response.refine > 1 { ", or a smaller clouds.transport.refine" } else { "" };
-    if let Some(cells) = cells_of(&clouds.scene) {
-        of_response(clouds, cells, 1, threads).require(&clouds.scene, limit, remedy)?;
-    }
     let cloud = read_scene(&clouds.scene, clouds.optics)?.cloud;
     let rows = rows_of(recipe, clouds, &cloud)? + clouds.distant.len() as u64;
     let estimate = of_response(clouds, cloud.shape.len() as u64, rows, threads);
-    estimate.require(&clouds.scene, limit, remedy)?;
+    estimate.require(&clouds.scene, limit, remedy(clouds))?;
     Ok(Some(estimate))
 }
 

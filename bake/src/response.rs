@@ -21,13 +21,14 @@ use crate::progress::Progress;
 pub use crate::recipe::model::ResponseSettings;
 use batch::{Batch, RowSolver, SOLVED, Work};
 pub use directions::{add_direct, in_26_directions};
-pub use grid::{LightGrid, LightSpacing, light_grid};
+pub use grid::{LightSpacing, WantedLights, light_grid};
 pub use job::{BakedResponse, HeldOutStroke, Job, Sources};
 use rayon::prelude::*;
 pub use schedule::BATCH;
 use schedule::{Part, parts, planned_head};
 pub use solved::SolvedRows;
 use solved::TowardsViewRegion;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{ResponseHead, ResponseRows};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
@@ -77,7 +78,8 @@ pub fn solve_held_out(
     held_out: &[Vec<PointLight>],
     progress: &dyn Progress,
 ) -> Result<Vec<HeldOutStroke>, BakeError> {
-    let lights = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
+    let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
+    let lights = WantedLights { grid, wanted: vec![false] };
     let sources = Sources { lights, distant: Vec::new() };
     let job = Job { cloud, sources: &sources, settings, held_out, known: None };
     Ok(solve_rows(&job, progress)?.held_out)

@@ -8,10 +8,11 @@ use squall_bake::compress::compress_row;
 use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::{BakedResponse, Job, LightGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::response::{BakedResponse, Job, ResponseSettings, Sources, WantedLights, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::haar::Haar;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis, DistantKind, accumulate};
@@ -42,12 +43,12 @@ const LOW: DVec3 = DVec3::new(-200.0, -100.0, 400.0);
 const HIGH: DVec3 = DVec3::new(250.0, 180.0, 650.0);
 
 fn sources() -> Sources {
-    let lights = LightGrid {
+    let grid = LightGrid {
         x_m: vec![LOW.x, 0.0, HIGH.x],
         y_m: vec![LOW.y, 30.0, HIGH.y],
         z_m: vec![LOW.z, 520.0, HIGH.z],
-        wanted: Vec::new(),
     };
+    let lights = WantedLights { grid, wanted: Vec::new() };
     Sources { lights, distant: vec![DistantKind::UpperSky] }
 }
 
@@ -293,7 +294,7 @@ proptest! {
             haar.forward(plane, &mut scratch);
         }
         let row = compress_row(&planes, 2, Codec::Paper, error);
-        let channels = response::channels(&row.bytes, 2).unwrap();
+        let channels = response::coefficient_planes(&row.bytes, 2).unwrap();
         for ((channel, wanted), bound) in channels.iter().zip(values.chunks_exact(shape.len())).zip(&row.bounds) {
             let mut cells = vec![0.0; shape.len()];
             accumulate(channel, Codec::Paper, 1.0, &mut cells).unwrap();

@@ -114,7 +114,7 @@ fn a_budget_takes_a_basis_towards_a_view_region_where_that_is_cheapest_and_is_me
     let head = &relighter.response().head;
     let chosen = records(&asset).into_iter().find(|record| record.asked == Some(asked)).unwrap();
     println!("{chosen:?}, {} bytes", response_bytes(&asset));
-    assert!(matches!(head.channels, DirectionalBasis::ViewRegion { .. }), "{:?}", head.channels);
+    assert!(matches!(head.basis, DirectionalBasis::ViewRegion { .. }), "{:?}", head.basis);
     assert!(chosen.metric.contains("held-out viewpoints") && chosen.got <= asked, "{chosen:?}");
     let anywhere = baked(folder.path(), &budget);
     println!("without a view region {} bytes", response_bytes(&anywhere));

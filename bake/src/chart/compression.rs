@@ -9,7 +9,7 @@ use crate::evaluate::RelitError;
 use crate::evaluate::candidate::touched;
 use crate::evaluate::views::{ViewFactors, Views};
 use crate::progress::{Progress, Quiet};
-use crate::response::{Job, LightGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
+use crate::response::{Job, ResponseSettings, SolvedRows, Sources, WantedLights, solve_rows};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::view_region::ViewRegionFrame;
 use squall_runtime::relight::{
@@ -38,7 +38,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     }
     let all = lights.wanted_count();
     let wanted = touched(&lights, &strokes);
-    let sources = Sources { lights: LightGrid { wanted, ..lights }, distant: Vec::new() };
+    let sources = Sources { lights: WantedLights { wanted, ..lights }, distant: Vec::new() };
     let mut errors = if task.quick {
         vec![0.1, 0.01]
     } else {
@@ -112,7 +112,7 @@ impl Sight {
         let head = &solved.head;
         let frame = head.view_region.as_ref().map(|view_region| view_region_frame(view_region, cloud));
         let views = Views::new(cloud, head.view_region.as_ref(), 0, |cell| head.sees(cell));
-        Self { factors: views.factors(head.channels, frame.as_ref()), views, frame }
+        Self { factors: views.factors(head.basis, frame.as_ref()), views, frame }
     }
 
     /// Errors of one stroke's channels against others of the same kind.

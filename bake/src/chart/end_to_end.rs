@@ -12,8 +12,9 @@ use crate::evaluate::{RelativeL2, relative_l2};
 use crate::monte_carlo::{MonteCarloSettings, solve_monte_carlo};
 use crate::progress::{Progress, Quiet};
 use crate::relit::relight;
-use crate::response::{Job, LightGrid, ResponseSettings, Sources, bake_response};
+use crate::response::{Job, ResponseSettings, Sources, WantedLights, bake_response};
 use glam::DVec3;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
 use squall_runtime::camera::{Camera, Projection};
@@ -113,7 +114,7 @@ impl Shot<'_> {
             // Those are baked for viewpoints anywhere: what a view region saves is the recipe's own.
             settings.view_region = None;
         }
-        let grid = LightGrid { wanted, ..grid };
+        let grid = WantedLights { wanted, ..grid };
         let tried = grid.wanted_count();
         let mut point = self.flash(grid, &settings)?;
         point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
@@ -140,7 +141,8 @@ impl Shot<'_> {
         // One virtual light far from the stroke: nothing of it is baked, so all of it is solved for.
         let side = (cloud.far_corner() - cloud.origin_m).max_element();
         let far = cloud.far_corner() + DVec3::splat(10.0 * side);
-        let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
+        let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z] };
+        let grid = WantedLights { grid, wanted: vec![true] };
         let mut point = self.flash(grid, &settings)?;
         point.series = format!("live solve, refinement {refine}");
         point.setting = format!("live solve, refinement {refine}, residual {tolerance:e}");
@@ -149,7 +151,7 @@ impl Shot<'_> {
     }
 
     /// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
-    fn flash(&self, lights: LightGrid, settings: &ResponseSettings) -> Result<Point, BakeError> {
+    fn flash(&self, lights: WantedLights, settings: &ResponseSettings) -> Result<Point, BakeError> {
         let (cloud, stroke) = (&self.scene.cloud, self.stroke.as_slice());
         let sources = Sources { lights, distant: Vec::new() };
         let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None };

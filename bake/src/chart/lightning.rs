@@ -7,7 +7,7 @@ use crate::error::BakeError;
 use crate::evaluate::candidate::Candidate;
 use crate::plan::lights::Site;
 use crate::progress::{Progress, Quiet};
-use crate::response::{HeldOutStroke, Job, LightGrid, ResponseSettings, Sources, solve_held_out};
+use crate::response::{HeldOutStroke, Job, ResponseSettings, Sources, WantedLights, solve_held_out};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_runtime::relight::PointLight;
 
@@ -31,7 +31,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let site = scene.site();
     let steps: &[f64] = if task.quick { &[2.0, 1.0] } else { &[4.0, 2.83, 2.0, 1.41, 1.0, 0.71, 0.5, 0.35] };
     let grids = steps.iter().map(|step| site.place_lights(scene.spacing_m * step));
-    let grids = grids.collect::<Result<Vec<LightGrid>, _>>()?;
+    let grids = grids.collect::<Result<Vec<WantedLights>, _>>()?;
     let strokes = common_strokes(&site, scene.spacing_m, &grids, if task.quick { 2 } else { 6 });
     if strokes.is_empty() {
         return Ok(Vec::new());
@@ -118,11 +118,11 @@ fn point(
 fn common_strokes(
     site: &Site<'_>,
     spacing_m: f64,
-    grids: &[LightGrid],
+    grids: &[WantedLights],
     count: usize,
 ) -> Vec<Vec<PointLight>> {
     let Some(finest) = grids.last() else { return Vec::new() };
-    let spacing = finest.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let spacing = finest.grid.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let spacing = if spacing.is_finite() { spacing } else { spacing_m };
     let strokes = site.strokes(finest, spacing, 0..count);
     let common = |stroke: Vec<PointLight>| -> Vec<PointLight> {

@@ -139,7 +139,7 @@ impl<'a> Evaluate<'a> {
         let each: Vec<RelitError> = sums
             .iter()
             .zip(&self.solved.held_out)
-            .map(|(sum, stroke)| self.sight.errors(self.solved.head.channels, sum, &stroke.uncompressed))
+            .map(|(sum, stroke)| self.sight.errors(self.solved.head.basis, sum, &stroke.uncompressed))
             .collect();
         mean_errors(&each)
     }

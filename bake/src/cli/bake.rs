@@ -34,6 +34,8 @@ pub struct Args {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let start = std::time::Instant::now();
     let recipe = Recipe::read(&args.recipe)?;
+    let limit = args.memory.limit();
+    memory::require_grid(&recipe, limit)?;
     if args.preview.is_some() && recipe.view.is_none() {
         return Err(BakeError::input(&args.recipe, "view", "a table [view] to preview", "none").into());
     }
@@ -43,7 +45,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let out = Output::prepare(&args.out)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     let bars = args.common.start()?;
-    memory::require_bake(&recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
+    memory::require_bake(&recipe, rayon::current_num_threads() as u64, limit)?;
     let baked = pipeline::bake(&recipe, &bars)?;
     bars.check()?;
     let bytes = Cell::new(0);
