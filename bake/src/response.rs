@@ -42,7 +42,7 @@ const BATCHES_AT_ONCE: usize = 16;
 /// Errors: a solve that does not converge, settings out of range, a view region that sees nothing, an interruption.
 pub fn bake_response(job: &Job<'_>, progress: &dyn Progress) -> Result<BakedResponse, BakeError> {
     let settings = job.settings;
-    let count = settings.channels.count();
+    let count = settings.basis.count();
     let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
     let (mut rows, mut kept) = (ResponseRows::default(), 0);
     let mut take = |row: CompressedRow| {
@@ -62,7 +62,7 @@ pub fn solve_rows(job: &Job<'_>, progress: &dyn Progress) -> Result<SolvedRows, 
     let keep = |planes: Vec<f32>| planes;
     let Gathered { head, held_out, sweeps } =
         solve_each_row(job, &keep, &mut |row| planes.push(row), progress)?;
-    let towards = match (job.settings.channels, &job.settings.view_region) {
+    let towards = match (job.settings.basis, &job.settings.view_region) {
         (SOLVED, Some(view_region)) => Some(TowardsViewRegion::new(job.cloud, view_region, &head)),
         _ => None,
     };

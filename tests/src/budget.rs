@@ -100,7 +100,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
         let spacing_m = 360.0 / 2.0 * libm::exp2(-0.25 * f64::from(step));
         let (lights, strokes) = Site::new(&recipe, clouds, &scene.cloud).held_out(spacing_m, 0).unwrap();
         let settings = squall_bake::response::ResponseSettings {
-            channels: DirectionalBasis::Harmonics { degree: 3 },
+            basis: DirectionalBasis::Harmonics { degree: 3 },
             ..clouds.response
         };
         let sources = Sources { lights, distant: Vec::new() };

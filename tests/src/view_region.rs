@@ -70,9 +70,9 @@ fn response_bytes(asset: &Asset) -> u64 {
 }
 
 /// Rows hardly coded, so that channels alone differ.
-fn fixed(channels: &str, view_region: &str) -> String {
+fn fixed(basis: &str, view_region: &str) -> String {
     format!(
-        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nchannels = \"{channels}\"\nerror = 0.001\n\
+        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nbasis = \"{basis}\"\nerror = 0.001\n\
          test_strokes = 6\n\n{view_region}"
     )
 }

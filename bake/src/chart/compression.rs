@@ -53,21 +53,21 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         (DirectionalBasis::Harmonics { degree: 3 }, DirectTerm::AtRunTime),
         (DirectionalBasis::Harmonics { degree: 1 }, DirectTerm::AtRunTime),
     ];
-    if !kinds.contains(&(own.channels, own.direct)) {
-        kinds.push((own.channels, own.direct));
+    if !kinds.contains(&(own.basis, own.direct)) {
+        kinds.push((own.basis, own.direct));
     }
     let steps = errors.len() + task.peers.as_ref().map_or(0, |peers| peers.steps(task.quick));
     progress.begin("chart compression", (kinds.len() * steps) as u64);
     let mut points = Vec::new();
-    for (channels, direct) in kinds {
-        let settings = ResponseSettings { channels, direct, ..*own };
+    for (basis, direct) in kinds {
+        let settings = ResponseSettings { basis, direct, ..*own };
         let job = Job { cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
         let solved = solve_rows(&job, &Quiet)?;
         let sight = Sight::new(cloud, &solved);
-        let what = match (channels, direct) {
+        let what = match (basis, direct) {
             (DirectionalBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
             (DirectionalBasis::ViewRegion { .. }, _) => {
-                format!("{} coefficients towards the view region, direct light at run time", channels.count())
+                format!("{} coefficients towards the view region, direct light at run time", basis.count())
             }
             (other, _) => format!("{} harmonics, direct light at run time", other.count()),
         };
@@ -81,10 +81,10 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                 for &ambient in ambients {
                     let chosen = !ambient
                         && codec == own.codec
-                        && channels == own.channels
+                        && basis == own.basis
                         && direct == own.direct
                         && error == own.relative_error;
-                    let mut point = coded(cloud, &solved, &sight, (channels, codec, error), ambient)?;
+                    let mut point = coded(cloud, &solved, &sight, (basis, codec, error), ambient)?;
                     point.truth = truth.clone();
                     point.bytes =
                         point.bytes.map(|bytes| bytes * all as u64 / solved.planes.len().max(1) as u64);
@@ -166,10 +166,10 @@ fn coded(
     cloud: &Cloud,
     solved: &SolvedRows,
     sight: &Sight,
-    (channels, codec, error): (DirectionalBasis, Codec, f64),
+    (basis, codec, error): (DirectionalBasis, Codec, f64),
     ambient: bool,
 ) -> Result<Point, BakeError> {
-    let baked = solved.encode(channels, codec, error);
+    let baked = solved.encode(basis, codec, error);
     let (strokes, rows) = (baked.held_out.clone(), baked.rows.rows.len().max(1));
     let (asset, bytes) = asset_of(cloud, baked)?;
     let relighter = Relighter::new(&asset)?;
@@ -178,7 +178,7 @@ fn coded(
     let mut each = Vec::with_capacity(strokes.len());
     for stroke in &strokes {
         let relit = relighter.relight(&stroke.lights, options, &mut buffers)?;
-        each.push(sight.errors(channels, relit.planes, &stroke.uncompressed));
+        each.push(sight.errors(basis, relit.planes, &stroke.uncompressed));
     }
     let count = strokes.len() as f64;
     let (done, cost) = seconds(REPEATS, || -> Result<(), BakeError> {

@@ -93,7 +93,7 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
         ("baked for any viewpoint, 4 coefficients", ours(1)),
         ("paper: direct light baked, 26 directions", paper),
     ];
-    let own = (own.direct, own.channels, own.codec);
+    let own = (own.direct, own.basis, own.codec);
     if kinds.iter().all(|&(_, kind)| kind != own) {
         kinds.push(("baked, the recipe's basis", own));
     }
@@ -102,14 +102,14 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
 
 impl Shot<'_> {
     /// Relit from rows of lights `step` times as far apart as the recipe's.
-    fn baked(&self, (series, direct, channels, codec): Kind, step: f64) -> Result<Point, BakeError> {
+    fn baked(&self, (series, direct, basis, codec): Kind, step: f64) -> Result<Point, BakeError> {
         let own = &self.scene.settings;
-        let is_own = (direct, channels, codec) == (own.direct, own.channels, own.codec);
+        let is_own = (direct, basis, codec) == (own.direct, own.basis, own.codec);
         let spacing_m = self.scene.spacing_m * step;
         let grid = self.scene.site().place_lights(spacing_m)?;
         let wanted = touched(&grid, std::slice::from_ref(&self.stroke));
         let all = grid.wanted_count();
-        let mut settings = ResponseSettings { direct, channels, codec, ..*own };
+        let mut settings = ResponseSettings { direct, basis, codec, ..*own };
         if !is_own {
             // Those are baked for viewpoints anywhere: what a view region saves is the recipe's own.
             settings.view_region = None;
@@ -133,7 +133,7 @@ impl Shot<'_> {
         let cloud = &self.scene.cloud;
         let mut settings = ResponseSettings {
             direct: DirectTerm::AtRunTime,
-            channels: DirectionalBasis::Harmonics { degree: 0 },
+            basis: DirectionalBasis::Harmonics { degree: 0 },
             refine,
             ..self.scene.settings
         };

@@ -41,14 +41,14 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let mut points = Vec::new();
     for kind in kinds {
         progress.check()?;
-        let (_, direct, channels, codec) = kind;
-        let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+        let (_, direct, basis, codec) = kind;
+        let settings = ResponseSettings { direct, basis, codec, ..scene.settings };
         let known = solve_held_out(&scene.cloud, &settings, &strokes, &Quiet)?;
         progress.advance(1);
         for (&step, lights) in steps.iter().zip(&grids) {
             progress.check()?;
             progress.advance(1);
-            if Candidate::bytes(lights, &strokes, channels, &scene.cloud) <= MOST_BYTES {
+            if Candidate::bytes(lights, &strokes, basis, &scene.cloud) <= MOST_BYTES {
                 let sources = Sources { lights: lights.clone(), distant: Vec::new() };
                 points.push(point(&scene, kind, step, &sources, (&strokes, &known))?);
             }
@@ -66,7 +66,7 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
         ("4 coefficients", ours(1)),
         ("paper: direct light in 26 directions", paper),
     ];
-    let own = (own.direct, own.channels, own.codec);
+    let own = (own.direct, own.basis, own.codec);
     if kinds.iter().all(|&(_, kind)| kind != own) {
         kinds.push(("the recipe's basis", own));
     }
@@ -76,22 +76,22 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
 /// One grid's rows in one way, scored by strokes whose truth is `known`.
 fn point(
     scene: &ChartScene<'_>,
-    (series, direct, channels, codec): Kind,
+    (series, direct, basis, codec): Kind,
     step: f64,
     sources: &Sources,
     (strokes, known): (&[Vec<PointLight>], &[HeldOutStroke]),
 ) -> Result<Point, BakeError> {
-    let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+    let settings = ResponseSettings { direct, basis, codec, ..scene.settings };
     let error = settings.relative_error;
     let job =
         Job { cloud: &scene.cloud, sources, settings: &settings, held_out: strokes, known: Some(known) };
     let (done, cost) = seconds(1, || -> Result<_, BakeError> {
         let candidate = Candidate::new(&job, &[], &Quiet)?;
-        let coded = candidate.encode(channels, codec, error);
+        let coded = candidate.encode(basis, codec, error);
         Ok((candidate, coded))
     });
     let (candidate, _) = done?;
-    let outcome = candidate.code(channels, codec, error)?;
+    let outcome = candidate.code(basis, codec, error)?;
     let share = candidate.lights as f64 / candidate.rows().max(1) as f64;
     let own = &scene.settings;
     let towards_region = own.view_region.is_some();
@@ -109,7 +109,7 @@ fn point(
             (BAKE, cost.times(share)),
         ],
         bytes: Some(outcome.bytes),
-        chosen: step == 1.0 && (direct, channels, codec) == (own.direct, own.channels, own.codec),
+        chosen: step == 1.0 && (direct, basis, codec) == (own.direct, own.basis, own.codec),
         baseline: direct == DirectTerm::InRows && codec == Codec::Paper,
     })
 }

@@ -228,7 +228,7 @@ impl CloudsFile {
         keys: &Keys,
         source: &Source,
     ) -> Result<(), RecipeError> {
-        let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.channels, self.basis()) else {
+        let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.basis, self.basis()) else {
             return Ok(());
         };
         let refused = |wanted: String, found: &str| Err(source.error(name.span(), keys.basis, wanted, found));
@@ -292,7 +292,7 @@ impl CloudsFile {
             ..SolveSettings::default()
         };
         Ok(ResponseSettings {
-            channels: self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis(),
+            basis: self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis(),
             direct: match response.direct.unwrap_or(DirectName::RunTime) {
                 DirectName::Rows => DirectTerm::InRows,
                 DirectName::RunTime => DirectTerm::AtRunTime,

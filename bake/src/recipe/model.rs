@@ -103,7 +103,7 @@ pub struct Optics {
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseSettings {
     /// Directions, harmonics, or polynomials towards a view region.
-    pub channels: DirectionalBasis,
+    pub basis: DirectionalBasis,
     /// Direct light in the rows or left to the runtime.
     pub direct: DirectTerm,
     /// How coefficients are stored.

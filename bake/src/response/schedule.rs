@@ -63,7 +63,7 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
         shape: job.cloud.shape,
         sources: SourceBasis::LightGrid { grid: grid.grid.clone(), rows: node_rows },
         distant: (rows..).zip(&sources.distant).map(|(row, &kind)| DistantSource { kind, row }).collect(),
-        basis: settings.channels,
+        basis: settings.basis,
         direct: settings.direct,
         codec: settings.codec,
         solver: SolverRecord {

@@ -50,7 +50,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
         let settings = ResponseSettings {
             seen_only: false,
             view_region: None,
-            channels: DirectionalBasis::Harmonics { degree: 1 },
+            basis: DirectionalBasis::Harmonics { degree: 1 },
             direct: DirectTerm::AtRunTime,
             codec: Codec::Bytes,
             relative_error: 0.02,
