@@ -2,7 +2,7 @@
 
 use assert_cmd::Command;
 use squall_bake::progress::Progress;
-use squall_bake::{recipe::Recipe, storm};
+use squall_bake::{pipeline, recipe::Recipe};
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::streak::StreakSection;
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ fn an_unknown_key_of_a_json_input_is_refused_with_the_nearest() {
         std::fs::write(folder.path().join(file), text).unwrap();
         let path = folder.path().join(file);
         let error = match file {
-            "lamp.json" => squall_bake::input::scene::read_lamps(&path).unwrap_err(),
+            "lamp.json" => squall_bake::input::scene::read_lights(&path).unwrap_err(),
             _ => squall_bake::input::scene::read_camera(&path).unwrap_err(),
         };
         assert!(error.to_string().contains(near) && error.exit_code() == 3, "{error}");
@@ -323,7 +323,7 @@ fn what_is_hashed_is_what_was_used() {
     std::fs::write(&recipe, text).unwrap();
     let recipe = Recipe::read(&recipe).unwrap();
     let swap = Swap { place, by: read("streak1.png") };
-    let baked = storm::bake(&recipe, &swap).unwrap();
+    let baked = pipeline::bake(&recipe, &swap).unwrap();
     let head = |tag| baked.sections.iter().find(|section| section.tag == tag).unwrap().parts.concat();
     let limits = Default::default();
     let provenance = ProvenanceSection::read(&head(ProvenanceSection::TAG), 1, &limits).unwrap();

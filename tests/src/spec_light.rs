@@ -4,8 +4,8 @@
 use crate::root;
 use glam::DVec3;
 use squall_runtime::Asset;
-use squall_runtime::flash::{DirectSettings, add_direct};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::single_scatter::{DirectSettings, add_direct};
 use std::f64::consts::PI;
 
 /// Bytes and how far they have been read.

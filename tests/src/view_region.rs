@@ -69,7 +69,7 @@ fn response_bytes(asset: &Asset) -> u64 {
     asset.directory().entries.iter().find(|entry| entry.tag == ResponseSection::TAG).unwrap().length
 }
 
-/// Rows hardly coded, so that channels alone differ.
+/// Rows hardly coded, so that bases alone differ.
 fn fixed(basis: &str, view_region: &str) -> String {
     format!(
         "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nbasis = \"{basis}\"\nerror = 0.001\n\
@@ -194,7 +194,7 @@ fn assets_for_a_view_region_and_for_anyone_are_compared_where_both_can_be_seen()
     const NEAR: f64 = 0.05;
     let folder = tempfile::tempdir().unwrap();
     let [few, all] = [("view-region-1", VIEWPOINTS), ("harmonics-3", "")]
-        .map(|(channels, view_region)| baked(folder.path(), &fixed(channels, view_region)));
+        .map(|(basis, view_region)| baked(folder.path(), &fixed(basis, view_region)));
     let found = diff(&few, &all).unwrap();
     let l2 = found
         .parts

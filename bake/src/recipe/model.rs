@@ -156,7 +156,7 @@ pub struct Given {
 pub struct Keys {
     /// `clouds.view_region` or `clouds.eyes`.
     pub view_region: &'static str,
-    /// `clouds.response.basis` or `clouds.response.channels`.
+    /// `clouds.response.basis` or `clouds.response.basis`.
     pub basis: &'static str,
 }
 
