@@ -1,4 +1,4 @@
-//! What a bake or a solve will take of memory, told before the work from cells, sources, channels and threads, and what there is.
+//! What a bake or a solve will take of memory, told before the work from cells, sources, coefficients and threads, and what there is.
 //!
 //! Figures are counted from the arrays that the code holds at once, in bytes a cell; measured peaks of resident memory are in
 //! docs/transport.md. An estimate is for refusing what cannot fit, with a word what would.
@@ -90,25 +90,25 @@ pub fn of_solve(cells: u64, refine: u32, directions: u64) -> Estimate {
     Estimate { shared, thread: 0, threads: 1, cells }
 }
 
-/// Memory of baking `rows` of `basis` a cell for the response of a grid of `cells`.
+/// Memory of baking `rows` of `coefficients` a cell for the response of a grid of `cells`.
 fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate {
     let settings = &clouds.response;
     let (lanes, harmonics) = (BATCH as u64, MAX_HARMONICS as u64);
-    let basis = settings.basis.count() as u64;
+    let coefficients = settings.basis.count() as u64;
     let fine = cells.saturating_mul(u64::from(settings.refine).saturating_pow(3));
     let in_rows = settings.direct == DirectTerm::InRows;
     // A batch: the solver's vectors and what it gathers, a lane a light; direct light of one.
     let of_fine = ((VECTORS - 1) * BAKE_MOMENTS + harmonics) * lanes + BAKE_MOMENTS + 1 + harmonics;
     let towards = if in_rows { DIRECTIONS } else { 0 };
-    let of_cell = towards * lanes + harmonics + 3 * basis;
+    let of_cell = towards * lanes + harmonics + 3 * coefficients;
     let thread = fine.saturating_mul((of_fine + towards) * VALUE).saturating_add(cells * of_cell * VALUE);
     // A held-out stroke: its truth and its direct part in all directions, and its rows' sum.
     let strokes = u64::from(clouds.held_out_strokes);
-    let stroke = cells * (2 * DIRECTIONS + 1 + basis) * VALUE;
+    let stroke = cells * (2 * DIRECTIONS + 1 + coefficients) * VALUE;
     // Rows are held as they are coded, as a section and once more as an asset to score.
     // Rows that strokes are split over stay as they were solved until their group of batches is done.
-    let held = rows.min(GROUP).min(strokes * ROWS_OF_A_STROKE).saturating_mul(cells * basis * VALUE);
-    let coded = 3.0 * CODED * rows as f64 * basis as f64 * cells as f64;
+    let held = rows.min(GROUP).min(strokes * ROWS_OF_A_STROKE).saturating_mul(cells * coefficients * VALUE);
+    let coded = 3.0 * CODED * rows as f64 * coefficients as f64 * cells as f64;
     let shared = PROGRAM
         .saturating_add(fine.saturating_mul(PREPARED * VALUE))
         .saturating_add(cells * 2 * VALUE)
