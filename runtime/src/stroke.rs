@@ -5,10 +5,14 @@
 //! straight line from start to end is displaced at its middle, then each half at its own, as real channels stray at every
 //! scale. Light falls with branch order and towards the tip of a branch, and along a channel it is in proportion to length.
 
+use crate::error::RuntimeError;
+use crate::frame::{Flash, FlashStroke};
+use crate::load::Asset;
 use crate::random::Random;
 use crate::relight::PointLight;
 use glam::DVec3;
-use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::bolt::{BoltSection, StrokeRecord};
+use std::sync::Arc;
 
 /// A straight piece of channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,15 +27,26 @@ pub struct Segment {
     pub intensity: f64,
 }
 
-/// A grown stroke.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// A stroke of lightning: an asset's, grown from a seed, or one's own.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Stroke {
     /// Main channel first, then branches as they were left.
     pub segments: Vec<Segment>,
+    /// Colour of its light: weights of the red, green and blue band, mean 1.
+    pub color: [f32; 3],
+}
+
+impl Default for Stroke {
+    /// White, and without a segment.
+    fn default() -> Self {
+        Self { segments: Vec::new(), color: [1.0; 3] }
+    }
 }
 
 /// More segments than this are not grown; branches beyond are left out.
 const MAX_SEGMENTS: usize = 1 << 16;
+/// Shortest segments of [`Stroke::between`], m.
+const SHORTEST_USUAL_M: f64 = 5.0;
 /// Halvings of the main channel's line.
 const WANDER_LEVELS: u32 = 5;
 /// How fast a branch fades towards its tip: light per length goes as (distance to the tip)^½.
@@ -47,6 +62,95 @@ struct Bud {
 }
 
 impl Stroke {
+    /// A stroke from `from` to `to` that is grown from `seed` as recipes grow theirs unless told otherwise, segments a hundredth
+    /// of its length (5 m at least); `intensity` in W/sr, white.
+    ///
+    /// ```
+    /// use squall_runtime::{Stroke, glam::DVec3};
+    /// let stroke = Stroke::between(DVec3::new(0.0, 0.0, 900.0), DVec3::new(120.0, 40.0, 0.0), 7, 1e7)?;
+    /// assert!((stroke.intensity() / 1e7 - 1.0).abs() < 1e-12);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    ///
+    /// Errors: numbers that no stroke has ([`StrokeRecord::check`]); an empty path.
+    pub fn between(from: DVec3, to: DVec3, seed: u64, intensity: f64) -> Result<Self, RuntimeError> {
+        let record = StrokeRecord {
+            name: "own".into(),
+            seed,
+            from_m: from.to_array(),
+            to_m: to.to_array(),
+            segment_m: (0.01 * from.distance(to)).max(SHORTEST_USUAL_M).min(from.distance(to)),
+            intensity_w_per_sr: intensity,
+            color: [1.0; 3],
+            ..StrokeRecord::usual()
+        };
+        record.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
+        Ok(Self::grow(&record))
+    }
+
+    /// A stroke of given segments.
+    ///
+    /// Errors: none, too many, or numbers that are not finite, negative intensities or colours.
+    pub fn from_segments(segments: Vec<Segment>, color: [f32; 3]) -> Result<Self, RuntimeError> {
+        let stroke = Self { segments, color };
+        stroke.check()?;
+        Ok(stroke)
+    }
+
+    /// A stroke along a line of points, `intensity` W/sr in all, spread evenly by length; a single point is a spark.
+    ///
+    /// ```
+    /// use squall_runtime::{Stroke, glam::DVec3};
+    /// let path = [DVec3::new(0.0, 0.0, 700.0), DVec3::new(50.0, 0.0, 650.0), DVec3::new(0.0, 20.0, 600.0)];
+    /// let stroke = Stroke::from_points(&path, 2e6, [0.8, 0.75, 1.28])?;
+    /// assert_eq!(stroke.segments.len(), 2);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    ///
+    /// Errors: as [`Stroke::from_segments`].
+    pub fn from_points(points: &[DVec3], intensity: f64, color: [f32; 3]) -> Result<Self, RuntimeError> {
+        let single = [points.first().copied().unwrap_or_default(); 2];
+        let line = if points.len() == 1 { &single } else { points };
+        let total: f64 = line.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        let count = line.len().saturating_sub(1) as f64;
+        let segment = |pair: &[DVec3]| {
+            let share = if total > 0.0 { pair[0].distance(pair[1]) / total } else { 1.0 / count };
+            Segment { from: pair[0], to: pair[1], order: 0, intensity: intensity * share }
+        };
+        Self::from_segments(line.windows(2).map(segment).collect(), color)
+    }
+
+    /// Refuses a stroke whose public fields were set to what no stroke is.
+    ///
+    /// Errors: as [`Stroke::from_segments`].
+    pub fn check(&self) -> Result<(), RuntimeError> {
+        let count = self.segments.len();
+        if count == 0 || count > MAX_SEGMENTS {
+            return Err(RuntimeError::argument("stroke segments", format!("1 to {MAX_SEGMENTS}"), count));
+        }
+        for segment in &self.segments {
+            if !(segment.from.is_finite() && segment.to.is_finite()) {
+                let found = format!("{} to {}", segment.from, segment.to);
+                return Err(RuntimeError::argument("stroke segment", "two finite points", found));
+            }
+            if !(segment.intensity >= 0.0 && segment.intensity.is_finite()) {
+                let wanted = "a finite number from 0, W/sr";
+                return Err(RuntimeError::argument("stroke intensity", wanted, segment.intensity));
+            }
+        }
+        if !self.color.iter().all(|band| *band >= 0.0 && band.is_finite()) {
+            let found = format!("{:?}", self.color);
+            return Err(RuntimeError::argument("stroke colour", "three finite numbers from 0", found));
+        }
+        Ok(())
+    }
+
+    /// The same stroke in another colour: weights of the red, green and blue band.
+    #[must_use]
+    pub fn colored(self, color: [f32; 3]) -> Self {
+        Self { color, ..self }
+    }
+
     /// Grows the stroke of `record`, whose numbers must have passed [`StrokeRecord::check`].
     pub fn grow(record: &StrokeRecord) -> Self {
         let mut random = Random::from_parts(&[record.seed, 0x424f_4c54]);
@@ -63,7 +167,7 @@ impl Stroke {
             finer.push(to);
             line = finer;
         }
-        let mut stroke = Self::default();
+        let mut stroke = Self { color: record.color, ..Self::default() };
         let mut buds = Vec::new();
         stroke.follow(record, &line, &mut random, &mut buds);
         let mut next = 0;
@@ -181,6 +285,45 @@ impl Stroke {
     }
 }
 
+/// The strokes of an asset, grown.
+#[derive(Default)]
+pub(crate) struct Strokes {
+    list: Vec<(StrokeRecord, Arc<Stroke>)>,
+}
+
+impl Strokes {
+    /// Errors: a damaged section. An asset without it has no strokes.
+    pub fn of(asset: &Asset) -> Result<Self, RuntimeError> {
+        if asset.directory().find(BoltSection::TAG).is_none() {
+            return Ok(Self::default());
+        }
+        let section = asset.section(BoltSection::TAG, "the strokes", BoltSection::read)?;
+        let grown = |record: StrokeRecord| {
+            let stroke = Arc::new(Stroke::grow(&record));
+            (record, stroke)
+        };
+        Ok(Self { list: section.strokes.into_iter().map(grown).collect() })
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (&StrokeRecord, &Arc<Stroke>)> {
+        self.list.iter().map(|(record, stroke)| (record, stroke))
+    }
+
+    /// The stroke that flashes. Errors: no stroke of the asset has its name.
+    pub fn find(&self, flash: &Flash) -> Result<Arc<Stroke>, RuntimeError> {
+        let name = match &flash.stroke {
+            FlashStroke::Own(stroke) => return Ok(stroke.clone()),
+            FlashStroke::Named(name) => name,
+        };
+        if let Some((_, stroke)) = self.list.iter().find(|(record, _)| record.name == *name) {
+            return Ok(stroke.clone());
+        }
+        let names: Vec<&str> = self.list.iter().map(|(record, _)| record.name.as_str()).collect();
+        let known = format!("the name of one of the asset's strokes ({})", names.join(", "));
+        Err(RuntimeError::argument("flashes.stroke", known, name))
+    }
+}
+
 /// A unit vector across `along`, at a random angle about it.
 fn across(along: DVec3, random: &mut Random) -> DVec3 {
     let along = along.normalize_or(DVec3::Z);
@@ -258,6 +401,21 @@ mod tests {
     fn the_same_seed_grows_the_same_stroke_and_another_seed_does_not() {
         assert_eq!(Stroke::grow(&record()), Stroke::grow(&record()));
         assert_ne!(Stroke::grow(&record()), Stroke::grow(&StrokeRecord { seed: 6, ..record() }));
+    }
+
+    #[test]
+    fn own_strokes_carry_their_light_and_nonsense_is_refused() {
+        let points = [DVec3::ZERO, DVec3::X * 3.0, DVec3::new(3.0, 1.0, 0.0)];
+        let stroke = Stroke::from_points(&points, 8.0, [1.0; 3]).unwrap();
+        assert_eq!(stroke.segments.iter().map(|s| s.intensity).collect::<Vec<_>>(), [6.0, 2.0]);
+        assert_eq!(Stroke::from_points(&points[..1], 8.0, [1.0; 3]).unwrap().lights(0.0).len(), 1);
+        assert!(Stroke::from_points(&[], 8.0, [1.0; 3]).is_err());
+        assert!(Stroke::from_points(&points, f64::NAN, [1.0; 3]).is_err());
+        assert!(Stroke::from_points(&points, -1.0, [1.0; 3]).is_err());
+        assert!(Stroke::from_points(&points, 1.0, [1.0, f32::NAN, 1.0]).is_err());
+        assert!(Stroke::from_points(&[DVec3::NAN, DVec3::ZERO], 1.0, [1.0; 3]).is_err());
+        assert!(Stroke::between(DVec3::ZERO, DVec3::Z * 1e3, 1, 1e6).is_ok());
+        assert!(Stroke::between(DVec3::ZERO, DVec3::ZERO, 1, f64::INFINITY).is_err());
     }
 
     #[test]

@@ -93,7 +93,7 @@ fn any_flipped_bit_in_bulk_data_is_noticed_by_verify() {
 }
 
 /// A lamp on the first virtual source, and one on the last.
-fn lights(relighter: &Relighter<'_>) -> [PointLight; 2] {
+fn lights(relighter: &Relighter) -> [PointLight; 2] {
     let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = &relighter.response().head.sources;
     let last = |axis: &[f64]| axis[axis.len() - 1];
     let light = |position| PointLight { position, intensity: 1.0 };

@@ -37,12 +37,12 @@ pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
 ///
 /// Errors: a lamp outside the baked reach.
 pub fn stroke_ms(
-    relighter: &Relighter<'_>,
+    relighter: &Relighter,
     lights: &[PointLight],
     buffers: &mut RelightBuffers,
 ) -> Result<f64, BakeError> {
     let response = relighter.response();
-    let length = |weight: &SourceWeight| f64::from(response.index[weight.row as usize].length);
+    let length = |weight: &SourceWeight| f64::from(response.row_bytes(weight.row as usize));
     let bytes = relighter.weigh(lights, buffers)?.iter().map(length).sum();
     Ok(relight_ms(&response.head, bytes))
 }
@@ -65,7 +65,7 @@ pub fn flashes(recipe: &Recipe) -> Vec<Vec<PointLight>> {
 ///
 /// Errors: a point that is not finite.
 pub fn most_ms<'a>(
-    relighter: &Relighter<'_>,
+    relighter: &Relighter,
     strokes: impl Iterator<Item = &'a [PointLight]>,
 ) -> Result<f64, BakeError> {
     let mut buffers = RelightBuffers::default();

@@ -18,7 +18,8 @@ use squall_formats::units::{Degrees, Radians};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::frame::camera_of;
 use squall_runtime::live::LiveSolver;
-use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::Clouds;
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions};
 use squall_runtime::stroke::Stroke;
 use squall_runtime::transport::direct::Light;
 
@@ -146,10 +147,11 @@ fn flash(
     let sources = Sources { lights, distant: Vec::new() };
     let baked = bake_response(&scene.cloud, &sources, settings, &[], &Quiet)?;
     let (asset, bytes) = asset_of(&scene.cloud, baked)?;
-    let relighter = Relighter::new(&asset)?;
+    let mut clouds = Clouds::new(&asset)?;
     let (done, cost) =
-        seconds(REPEATS, || relight(&relighter, stroke, ("camera", camera), None, false, &Quiet));
+        seconds(REPEATS, || relight(&mut clouds, stroke, ("camera", camera), None, false, &Quiet));
     let (fields, report) = done?;
+    let relighter = clouds.relighter();
     let inner = match report.live {
         Some(_) => {
             let solver = LiveSolver::new(&scene.cloud, &relighter.response().head.solver)?;

@@ -5,8 +5,7 @@ use super::progress::Bars;
 use squall_bake::BakeError;
 use squall_bake::{output, recipe::Recipe, storm};
 use squall_formats::container;
-use squall_runtime::Asset;
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
+use squall_runtime::StormRenderer;
 use std::path::{Path, PathBuf};
 
 /// Bakes a recipe into one asset.
@@ -44,11 +43,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     super::table::stages(&baked.stages, &args.out, start.elapsed().as_secs_f64())?;
     let Some(preview) = &args.preview else { return Ok(()) };
     let start = std::time::Instant::now();
-    let asset = Asset::open(&args.out)?;
-    let storm = Storm::new(&asset)?;
-    let Some(view) = storm.view() else { return Ok(()) };
-    let mut memory = FrameMemory::default();
-    let report = storm.draw(view, FrameQuality::default(), &mut memory)?;
-    picture::write(preview, memory.picture.as_ref(), &tone_of(&view.tone))?;
-    picture::say(preview, view, &report, start.elapsed().as_secs_f64())
+    let mut renderer = StormRenderer::open(&args.out)?;
+    let Some(frame) = renderer.frame() else { return Ok(()) };
+    renderer.render(&frame)?;
+    picture::write(preview, renderer.picture(), &renderer.tone())?;
+    picture::say(preview, renderer.picture(), &renderer.report(), start.elapsed().as_secs_f64())
 }

@@ -13,6 +13,7 @@ use squall_formats::section::response::{
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
+use squall_runtime::relight::share_lit;
 use squall_runtime::{Asset, RuntimeError};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -64,6 +65,16 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
             "next_cheaper": record.next_cheaper,
         })
     };
+    let light = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read).ok();
+    let light = light.map(|section| {
+        let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &section.head.sources;
+        let ends = [0, usize::MAX].map(|end| [x_m, y_m, z_m].map(|axis| axis[end.min(axis.len() - 1)]));
+        json!({
+            "pruned": rows.contains(&NO_ROW),
+            "share_lit": share_lit(&section.head.sources),
+            "bounds_m": ends,
+        })
+    });
     let sections: Vec<Value> = asset.directory().entries.iter().map(section).collect();
     let budgets: Vec<Value> = provenance.iter().flat_map(|p| &p.budgets).map(budget).collect();
     json!({
@@ -72,6 +83,7 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
         "recipe_hash": provenance.map(|p| hex(&p.recipe_hash)),
         "sections": sections,
         "budgets": budgets,
+        "light": light,
     })
 }
 
@@ -209,6 +221,11 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
 fn describe_response(head: &ResponseHead) -> String {
     let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &head.sources;
     let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
+    let share = 100.0 * share_lit(&head.sources);
+    let lit = match baked == rows.len() {
+        true => ", not pruned: the whole box is lit".to_owned(),
+        false => format!(", pruned: {share:.1} % of the box is lit"),
+    };
     let channels = match head.channels {
         DirectionalBasis::Directions26 => "26 directions".to_owned(),
         DirectionalBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
@@ -237,7 +254,7 @@ fn describe_response(head: &ResponseHead) -> String {
         y_m.len(),
         z_m.len(),
         head.distant.len()
-    )
+    ) + &lit
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -2,9 +2,8 @@
 
 use squall_bake::BakeError;
 use squall_bake::picture::{write_exr, write_png8};
-use squall_formats::section::view::ViewSection;
-use squall_runtime::frame::FrameReport;
 use squall_runtime::picture::Picture;
+use squall_runtime::renderer::FrameReport;
 use squall_runtime::tone::Tone;
 use std::path::Path;
 
@@ -20,8 +19,7 @@ pub fn check_name(path: &Path) -> Result<(), BakeError> {
 }
 
 /// Writes a picture in the form that its name asks for: .png or .exr.
-pub fn write(path: &Path, picture: Option<&Picture>, tone: &Tone) -> anyhow::Result<()> {
-    let Some(picture) = picture else { anyhow::bail!("{}: nothing was drawn", path.display()) };
+pub fn write(path: &Path, picture: &Picture, tone: &Tone) -> anyhow::Result<()> {
     match path.extension().and_then(|name| name.to_str()) {
         Some("png") => write_png8(path, picture, tone)?,
         Some("exr") => write_exr(path, picture)?,
@@ -31,10 +29,13 @@ pub fn write(path: &Path, picture: Option<&Picture>, tone: &Tone) -> anyhow::Res
 }
 
 /// Says what was drawn.
-pub fn say(path: &Path, view: &ViewSection, report: &FrameReport, seconds: f64) -> anyhow::Result<()> {
-    let [width, height] = view.camera.size_px;
-    let FrameReport { lights, sources, streaks } = report;
-    let light = format!("{lights} points of lightning on {sources} baked sources");
+pub fn say(path: &Path, picture: &Picture, report: &FrameReport, seconds: f64) -> anyhow::Result<()> {
+    let [width, height] = [picture.width, picture.height];
+    let FrameReport { lights, sources, streaks, lights_live, .. } = *report;
+    let mut light = format!("{lights} points of lightning on {sources} baked sources");
+    if lights_live > 0 {
+        light += &format!(" ({lights_live} solved for on the spot)");
+    }
     say!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", path.display());
     Ok(())
 }
@@ -56,8 +57,7 @@ impl Sheet {
     }
 
     /// Puts a picture in its place, every two by two of its pixels averaged.
-    pub fn place(&mut self, column: usize, row: usize, picture: Option<&Picture>) {
-        let Some(picture) = picture else { return };
+    pub fn place(&mut self, column: usize, row: usize, picture: &Picture) {
         for y in 0..self.tile[1] {
             for x in 0..self.tile[0] {
                 let mut sum = [0.0f32; 3];
@@ -76,6 +76,6 @@ impl Sheet {
 
     /// Writes the sheet. Errors: as for [`write`].
     pub fn write(&self, path: &Path, tone: &Tone) -> anyhow::Result<()> {
-        write(path, Some(&self.whole), tone)
+        write(path, &self.whole, tone)
     }
 }

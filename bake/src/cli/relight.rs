@@ -10,8 +10,7 @@ use squall_bake::input::scene::{read_camera, read_lights};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::relit::{DirectFrom, relight};
-use squall_runtime::Asset;
-use squall_runtime::relight::Relighter;
+use squall_runtime::{Asset, Clouds};
 use squall_runtime::tone::Tone;
 use std::io::Write;
 use std::path::PathBuf;
@@ -55,7 +54,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let start = Instant::now();
     picture::check_name(&args.out)?;
     let asset = Asset::open(&args.asset)?;
-    let relighter = Relighter::new(&asset)?;
+    let mut clouds = Clouds::new(&asset)?;
     let lamps = read_lights(&args.lamps)?;
     let (name, camera) = read_camera(&args.camera)?;
     check_apart(&[&args.out], [&args.asset, &args.lamps, &args.camera].into_iter())?;
@@ -66,15 +65,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Direct::Rows => DirectFrom::Rows,
         Direct::Lamps => DirectFrom::Lamps,
     });
-    let (fields, report) = relight(&relighter, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
+    let (fields, report) = relight(&mut clouds, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
     bars.finish();
     bars.check()?;
     if let Some(live) = report.live {
-        let [low, high] = relighter.reach();
+        let [low, high] = clouds.bounds();
         eprintln!(
-            "note: {} of {} lamps lie outside what was baked (within {low} to {high} m); solved for on the spot, {} sweeps, \
-             {:.2} s",
-            report.lights_outside, report.lights, live.sweeps, live.seconds
+            "note: {} of {} lamps lie outside what was baked ({:.1} % of the box from {low} to {high} m); solved for on the \
+             spot, {} sweeps, {:.2} s",
+            report.lights_outside,
+            report.lights,
+            100.0 * clouds.share_lit(),
+            live.sweeps,
+            live.seconds
         );
     }
     let (_, width, image) =
@@ -82,7 +85,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
-    picture::write(&args.out, Some(&shown), &tone)?;
+    picture::write(&args.out, &shown, &tone)?;
     say!(
         "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
         args.out.display(),
@@ -98,7 +101,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let mut summary = json!({
             "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
             "asset": args.asset,
-            "dims_xyz": relighter.cloud().shape.to_array(),
+            "dims_xyz": clouds.cloud().shape.to_array(),
             "exposure": exposure,
             "seconds": start.elapsed().as_secs_f64(),
             "files": files,

@@ -4,8 +4,9 @@ use super::picture::{self, Sheet};
 use squall_bake::BakeError;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::Asset;
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
+use squall_formats::units::MillimetresPerHour;
+use squall_runtime::frame::tone_of;
+use squall_runtime::{Frame, RuntimeError, StormRenderer};
 use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
@@ -56,39 +57,34 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     picture::check_name(&args.out)?;
     folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene))?;
     folder::check_parent(&args.out)?;
-    let asset = Asset::open(&args.asset)?;
-    let storm = Storm::new(&asset)?;
-    let view = view_of(&args, &storm)?;
-    let mut quality = FrameQuality::default();
-    quality.town.samples = args.samples;
-    let mut memory = FrameMemory::default();
+    let mut renderer = StormRenderer::open(&args.asset)?;
+    let view = view_of(&args, &renderer)?;
+    view.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
+    let mut frame = Frame::from(&view);
+    frame.quality.town.samples = args.samples;
     let tone = tone_of(&view.tone).brighter(args.stops);
     if args.contact_sheet {
         let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
         for row in 0..2 {
             for (column, rate) in SHEET_RATES.into_iter().enumerate() {
-                let mut one = view.clone();
-                one.rain.rate_mm_per_h = rate;
-                if row == 0 {
-                    one.flashes.clear();
-                }
-                storm.draw(&one, quality, &mut memory)?;
-                sheet.place(column, row, memory.picture.as_ref());
+                let one = frame.clone().rain(MillimetresPerHour(rate));
+                let one = if row == 0 { one.dark() } else { one };
+                sheet.place(column, row, renderer.render(&one)?);
             }
         }
         sheet.write(&args.out, &tone)?;
         say!("{}: 8 pictures, {:.2} s", args.out.display(), start.elapsed().as_secs_f64());
         return Ok(());
     }
-    let report = storm.draw(&view, quality, &mut memory)?;
-    picture::write(&args.out, memory.picture.as_ref(), &tone)?;
-    picture::say(&args.out, &view, &report, start.elapsed().as_secs_f64())
+    renderer.render(&frame)?;
+    picture::write(&args.out, renderer.picture(), &tone)?;
+    picture::say(&args.out, renderer.picture(), &renderer.report(), start.elapsed().as_secs_f64())
 }
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.
-fn view_of(args: &Args, storm: &Storm<'_>) -> anyhow::Result<ViewSection> {
-    let strokes: Vec<String> = storm.strokes().map(|(record, _)| record.name.clone()).collect();
-    let mut view = match (&args.scene, storm.view()) {
+fn view_of(args: &Args, renderer: &StormRenderer) -> anyhow::Result<ViewSection> {
+    let strokes: Vec<String> = renderer.strokes().map(|(record, _)| record.name.clone()).collect();
+    let mut view = match (&args.scene, renderer.view()) {
         (Some(path), _) => read_view(path, &strokes)?,
         (None, Some(view)) => view.clone(),
         (None, None) => {

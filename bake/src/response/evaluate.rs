@@ -201,7 +201,7 @@ impl HeldOutSet {
 
     /// Relights every test stroke from `relighter`'s bytes. Each figure is the root mean square (L2) or the mean (tail, median)
     /// over strokes.
-    pub fn scores(&self, relighter: &Relighter<'_>, tests: &[TestStroke]) -> Result<Scores, BakeError> {
+    pub fn scores(&self, relighter: &Relighter, tests: &[TestStroke]) -> Result<Scores, BakeError> {
         let frame =
             relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
         let factors = self.views.factors(relighter.response().head.channels, frame.as_ref());
@@ -238,7 +238,7 @@ impl HeldOutSet {
 }
 
 /// A [`HeldOutSet`] for one response alone.
-pub fn evaluate(relighter: &Relighter<'_>, tests: &[TestStroke], number: u64) -> Result<Scores, BakeError> {
+pub fn evaluate(relighter: &Relighter, tests: &[TestStroke], number: u64) -> Result<Scores, BakeError> {
     let held_out_set =
         HeldOutSet::new(relighter.cloud(), relighter.view_region(), relighter.direct(), tests, number);
     held_out_set.scores(relighter, tests)

@@ -366,29 +366,12 @@ impl<'a> ResponseSection<'a> {
 
     /// The bytes of row `row` with their checksum verified.
     pub fn row(&self, row: usize) -> Result<&'a [u8], ReadError> {
-        let bytes = self.row_unchecked(row)?;
-        let (wanted, found) = (self.index[row].checksum, checksum(bytes));
-        if wanted != found {
-            return Err(ReadError::Checksum {
-                section: Self::TAG,
-                part: format!("row {row}"),
-                wanted,
-                found,
-            });
-        }
-        Ok(bytes)
+        checked_row(self.index, self.rows, row)
     }
 
     /// The bytes of row `row`, for a reader that has verified it before.
     pub fn row_unchecked(&self, row: usize) -> Result<&'a [u8], ReadError> {
-        let entry =
-            self.index.get(row).ok_or_else(|| invalid("row", "below the row count", row.to_string()))?;
-        let start = entry.offset as usize;
-        self.rows.get(start..start + entry.length as usize).ok_or(ReadError::Truncated {
-            section: Self::TAG,
-            offset: entry.offset,
-            missing: u64::from(entry.length),
-        })
+        row_bytes(self.index, self.rows, row)
     }
 
     /// Bounds of row `row`, one a channel.
@@ -396,6 +379,28 @@ impl<'a> ResponseSection<'a> {
         let channels = self.head.channels.count();
         self.bounds.get(row * channels..(row + 1) * channels).unwrap_or_default()
     }
+}
+
+/// The bytes of row `row` among all `rows`, unchecked. Errors: no such row.
+pub fn row_bytes<'a>(index: &[RowEntry], rows: &'a [u8], row: usize) -> Result<&'a [u8], ReadError> {
+    let entry = index.get(row).ok_or_else(|| invalid("row", "below the row count", row.to_string()))?;
+    let start = entry.offset as usize;
+    rows.get(start..start + entry.length as usize).ok_or(ReadError::Truncated {
+        section: ResponseSection::TAG,
+        offset: entry.offset,
+        missing: u64::from(entry.length),
+    })
+}
+
+/// The same with the row's checksum verified. Errors: no such row, or a damaged one.
+pub fn checked_row<'a>(index: &[RowEntry], rows: &'a [u8], row: usize) -> Result<&'a [u8], ReadError> {
+    let bytes = row_bytes(index, rows, row)?;
+    let (wanted, found) = (index[row].checksum, checksum(bytes));
+    if wanted != found {
+        let part = format!("row {row}");
+        return Err(ReadError::Checksum { section: ResponseSection::TAG, part, wanted, found });
+    }
+    Ok(bytes)
 }
 
 /// Eyes and seen cells, and channels that need them.

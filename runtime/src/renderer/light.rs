@@ -1,0 +1,136 @@
+//! From the asset's rows to light per cell, in three colours, towards one viewer.
+
+use super::FrameReport;
+use crate::camera::Ray;
+use crate::clouds::{Clouds, Viewer, with_extinction};
+use crate::error::RuntimeError;
+use crate::frame::Frame;
+use crate::shade::cloud::march::MarchedCloud;
+use crate::shade::sky::{Sky, SkyParameters};
+use crate::shade::town::light::GlowLight;
+use crate::transport::Cloud;
+use glam::{DVec3, Vec3, Vec4};
+use squall_formats::section::response::DistantKind;
+
+/// Rays that measure what the lit cloud sheds on the ground: columns and rows over half the sphere.
+const GLOW_RAYS: [usize; 2] = [96, 32];
+
+/// J of the sky's light per cell, for the sky and the viewer that it was last worked out for.
+#[derive(Default)]
+pub struct Ambient {
+    made_for: Option<(SkyParameters, Viewer)>,
+    light: Vec<Vec3>,
+}
+
+impl Ambient {
+    fn of(
+        &mut self,
+        clouds: &mut Clouds,
+        (sky, parameters): (&Sky, &SkyParameters),
+        viewer: Viewer,
+    ) -> Result<&[Vec3], RuntimeError> {
+        if self.made_for.as_ref().is_some_and(|(known, seen)| known == parameters && *seen == viewer) {
+            return Ok(&self.light);
+        }
+        self.made_for = None;
+        self.light.clear();
+        self.light.resize(clouds.cloud().shape.len(), Vec3::ZERO);
+        let light = &mut self.light;
+        clouds.distant(viewer, |kind, cloud, j| {
+            let colours = distant_colours(cloud, sky, kind);
+            light.iter_mut().zip(j).zip(&colours).for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
+        })?;
+        self.made_for = Some((parameters.clone(), viewer));
+        Ok(&self.light)
+    }
+}
+
+/// J of every light of the frame into the first cells, that of the flashes alone into the second; each with the cell's
+/// extinction behind it.
+pub fn light_cells(
+    clouds: &mut Clouds,
+    frame: &Frame,
+    sky: &Sky,
+    ambient: &mut Ambient,
+    (cells, flash_cells): (&mut Vec<Vec4>, &mut Vec<Vec4>),
+) -> Result<FrameReport, RuntimeError> {
+    let viewer = Viewer::from(&frame.camera);
+    clouds.set_rays_per_point(frame.quality.rays_per_point);
+    let mut light = vec![Vec3::ZERO; clouds.cloud().shape.len()];
+    let lit = clouds.add_flashes(&frame.flashes, viewer, &mut light)?;
+    with_extinction(clouds.cloud(), &light, flash_cells);
+    let ambient = ambient.of(clouds, (sky, &frame.sky), viewer)?;
+    light.iter_mut().zip(ambient).for_each(|(sum, &ambient)| *sum += ambient);
+    with_extinction(clouds.cloud(), &light, cells);
+    Ok(FrameReport {
+        lights: lit.lights,
+        sources: lit.sources,
+        lights_live: lit.live,
+        strokes_kept: lit.kept,
+        streaks: 0,
+    })
+}
+
+/// Strength of distant light per cell: radiance of a hemisphere, W/(m² sr), or irradiance of the sun, W/m².
+///
+/// The sun's rows are those of a beam that fills all space; where the Earth's shadow cuts it, at dusk, each cell is lit by
+/// what reaches its own height. Light that is scattered across the shadow's edge, within the cloud, is taken from the
+/// wrong side of it: at most some mean free paths of a ramp that is kilometres wide.
+fn distant_colours(cloud: &Cloud, sky: &Sky, kind: DistantKind) -> Vec<Vec3> {
+    let [nx, ny, nz] = cloud.shape.to_array();
+    let mut colours = Vec::with_capacity(cloud.shape.len());
+    for z in 0..nz {
+        let at = |x: usize, y: usize| {
+            let place = cloud.centre([x, y, z]);
+            let light = sky.cloud_light(place.z, place);
+            Vec3::from_array(match kind {
+                DistantKind::UpperSky => light.upper,
+                DistantKind::LowerSky => light.lower,
+                DistantKind::Beam { .. } => light.sun_irradiance,
+            })
+        };
+        // Within a layer it is linear across tens of kilometres.
+        let corners = [at(0, 0), at(nx - 1, 0), at(0, ny - 1), at(nx - 1, ny - 1)];
+        for y in 0..ny {
+            let v = y as f32 / (ny - 1).max(1) as f32;
+            let (left, right) = (corners[0].lerp(corners[2], v), corners[1].lerp(corners[3], v));
+            colours.extend((0..nx).map(|x| left.lerp(right, x as f32 / (nx - 1).max(1) as f32)));
+        }
+    }
+    colours
+}
+
+/// The lit cloud as one light on the town: a ball with the irradiance, direction and spread that rays from `eye` measure.
+pub fn glow_of(cloud: &MarchedCloud<'_>, eye: DVec3) -> Vec<GlowLight> {
+    let [columns, rows] = GLOW_RAYS;
+    let (mut flux, mut sum, mut moment, mut away) = (Vec3::ZERO, 0.0f32, Vec3::ZERO, 0.0f32);
+    for row in 0..rows {
+        let rise = (row as f64 + 0.5) / rows as f64;
+        let level = libm::sqrt(1.0 - rise * rise);
+        for column in 0..columns {
+            let (sin, cos) = libm::sincos(std::f64::consts::TAU * (column as f64 + 0.5) / columns as f64);
+            let direction = DVec3::new(level * cos, level * sin, rise);
+            let view = cloud.look(&Ray { origin: eye, direction });
+            let radiance = Vec3::from_array(view.radiance);
+            let weight = radiance.element_sum();
+            flux += radiance;
+            sum += weight;
+            moment += direction.as_vec3() * weight;
+            away += view.distance * weight;
+        }
+    }
+    if sum <= 0.0 {
+        return Vec::new();
+    }
+    // Rays are evenly spread in solid angle. The length of the mean direction tells how widely light comes in: for a
+    // cap of half angle a it is (1 + cos a)/2.
+    let share = std::f32::consts::TAU / (columns * rows) as f32;
+    let (mean, distance) = (moment / sum, away / sum);
+    let cos = (2.0 * mean.length() - 1.0).clamp(0.0, 0.999);
+    let sin = (1.0 - cos * cos).sqrt();
+    let radius = distance * sin;
+    // The ball fills a cap of that half angle; its radiance is what gives the flux.
+    let radiance = flux * share / (std::f32::consts::TAU * (1.0 - cos));
+    let centre = eye.as_vec3() + mean.normalize() * distance;
+    vec![GlowLight { centre, radius, radiance: radiance.to_array() }]
+}
