@@ -19,9 +19,9 @@ use crate::response::add_direct;
 use glam::DVec3;
 use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere;
+use squall_runtime::Clouds;
 use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
-use squall_runtime::Clouds;
 use squall_runtime::clouds::CloudLight;
 use squall_runtime::flash::{self, DirectSettings};
 use squall_runtime::live::{DirectCells, LiveSolver};
@@ -325,9 +325,8 @@ fn look(
             Some(j) => shown.look(ray, camera.projection, width, |point| sum(point, &|cell| j[cell])),
             None => {
                 let factors = light.factors(-ray.direction);
-                let value = |cell: usize| {
-                    light.value(cell, &factors) + direct.get(cell).copied().unwrap_or_default()
-                };
+                let value =
+                    |cell: usize| light.value(cell, &factors) + direct.get(cell).copied().unwrap_or_default();
                 shown.look(ray, camera.projection, width, |point| sum(point, &value))
             }
         }

@@ -40,7 +40,7 @@ use std::sync::Arc;
 /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
 /// let mut clouds = Clouds::new(&Asset::open(path)?)?;
 /// let [low, high] = clouds.bounds();
-/// let spark = Stroke::direction_froms(&[0.5 * (low + high)], 1e6, [0.8, 0.75, 1.28])?;
+/// let spark = Stroke::from_points(&[0.5 * (low + high)], 1e6, [0.8, 0.75, 1.28])?;
 /// let mut cells = vec![[0.0; 4]; clouds.cloud().shape.len()];
 /// clouds.radiance(&[Flash::own(spark)], DVec3::ZERO, &mut cells)?;
 /// assert!(cells.iter().any(|[_, _, blue, extinction]| *blue > 0.0 && *extinction > 0.0));
@@ -186,7 +186,8 @@ impl Clouds {
     ) -> Result<(), RuntimeError> {
         match outside.iter().find_map(|light| self.relighter.why_dark(light.position)) {
             Some(RuntimeError::Argument { field, wanted, found }) => {
-                let wanted = format!("{wanted}. Feature `live` of squall-runtime solves for such light on the spot");
+                let wanted =
+                    format!("{wanted}. Feature `live` of squall-runtime solves for such light on the spot");
                 Err(RuntimeError::argument(field, wanted, found))
             }
             Some(error) => Err(error),

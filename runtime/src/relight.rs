@@ -12,8 +12,7 @@ use glam::DVec3;
 use squall_formats::haar::Haar;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{
-    DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, SourceBasis,
-    accumulate, channels,
+    DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, SourceBasis, accumulate, channels,
 };
 use squall_formats::sphere;
 use squall_formats::view_region::{ViewRegion, ViewRegionFrame};

@@ -7,8 +7,8 @@ use squall_bake::storm;
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::response::{self, CHANNEL_BYTES, ResponseRows, ResponseSection};
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::{Asset, Frame, StormRenderer};
 use squall_runtime::picture::Picture;
+use squall_runtime::{Asset, Frame, StormRenderer};
 use std::path::Path;
 use std::sync::OnceLock;
 

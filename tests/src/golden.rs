@@ -20,10 +20,10 @@ use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, Dis
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
-use squall_runtime::{Asset, StormRenderer};
 use squall_runtime::density::{lookup_counts, read_density};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::verify::verify;
+use squall_runtime::{Asset, StormRenderer};
 use std::path::PathBuf;
 
 const NAMES: [&str; 3] = ["golden", "paper", "eyes"];

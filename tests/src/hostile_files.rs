@@ -177,8 +177,8 @@ fn rows_that_overlap_or_leave_the_section_are_refused() {
     let asset = Asset::from_bytes(&bytes).unwrap();
     let relighter = Relighter::new(&asset).unwrap();
     let response = relighter.response();
-    let index_at = (part.len() - response.rows.len())
-        - (size_of_val(response.index) + size_of_val(response.bounds)).next_multiple_of(64);
+    let index_at = (part.len() - response.rows().len())
+        - (size_of_val(&response.index[..]) + size_of_val(&response.bounds[..])).next_multiple_of(64);
     let change = |row: usize, change: fn(&mut RowEntry)| {
         let mut sections = sections(&bytes);
         let clrt = sections.iter_mut().find(|section| section.tag == ResponseSection::TAG).unwrap();

@@ -42,7 +42,7 @@ pub fn stroke_ms(
     buffers: &mut RelightBuffers,
 ) -> Result<f64, BakeError> {
     let response = relighter.response();
-    let length = |weight: &SourceWeight| f64::from(response.row_bytes(weight.row as usize));
+    let length = |weight: &SourceWeight| f64::from(response.index[weight.row as usize].length);
     let bytes = relighter.weigh(lights, buffers)?.iter().map(length).sum();
     Ok(relight_ms(&response.head, bytes))
 }

@@ -6,15 +6,15 @@ use glam::{DMat3, DMat4, DVec2, DVec4};
 use squall_formats::units::Radians;
 
 impl Camera {
-    /// A camera from a right-handed view matrix (world to camera: x right, y up, looking along −z, as glam's `look_at_rh` makes
+    /// A camera from a right-handed view matrix (world to camera: x right, y up, looking along −z, as glam's `rh::view::look_at_mat4` makes
     /// it) and a projection. Depth conventions do not matter: 0 to 1, −1 to 1, reversed and endless far planes are the same
     /// camera; off-centre projections, pixels that are not square, orthographic projections and y turned down (Vulkan) are read
     /// too. The world is Squall's, z up, in metres: a world with y up has `view * DMat4::from_rotation_x(-FRAC_PI_2)`.
     ///
     /// ```
-    /// use squall_runtime::{Camera, glam::{DMat4, DVec3}};
-    /// let view = DMat4::look_at_rh(DVec3::new(0.0, -50.0, 2.0), DVec3::new(0.0, 0.0, 30.0), DVec3::Z);
-    /// let lens = DMat4::perspective_infinite_reverse_rh(1.0, 16.0 / 9.0, 0.1);
+    /// use squall_runtime::{Camera, glam::{DVec3, dcamera::rh}};
+    /// let view = rh::view::look_at_mat4(DVec3::new(0.0, -50.0, 2.0), DVec3::new(0.0, 0.0, 30.0), DVec3::Z);
+    /// let lens = rh::proj::directx::perspective_infinite_reverse(1.0, 16.0 / 9.0, 0.1);
     /// let camera = Camera::from_matrices(view, lens, [1280, 720])?;
     /// assert!((camera.position - DVec3::new(0.0, -50.0, 2.0)).length() < 1e-9);
     /// # Ok::<(), squall_runtime::RuntimeError>(())
@@ -34,10 +34,10 @@ impl Camera {
         let pixels = lens.scale * 0.5 * DVec2::new(width, height);
         let shift_px = lens.shift * 0.5 * DVec2::new(width, height);
         let projection = match lens.parallel {
-            true => Projection::Orthographic { half_width: 1.0 / lens.scale.x, half_height: 1.0 / lens.scale.y },
-            false => {
-                Projection::Perspective { vertical_fov: Radians(2.0 * libm::atan(1.0 / lens.scale.y)) }
+            true => {
+                Projection::Orthographic { half_width: 1.0 / lens.scale.x, half_height: 1.0 / lens.scale.y }
             }
+            false => Projection::Perspective { vertical_fov: Radians(2.0 * libm::atan(1.0 / lens.scale.y)) },
         };
         // An orthographic camera's half width and height say all of its pixels' shape.
         let pixel_aspect = if lens.parallel { 1.0 } else { pixels.x / pixels.y };
@@ -47,7 +47,7 @@ impl Camera {
         Ok(camera)
     }
 
-    /// World to camera, as glam's `look_at_rh` makes it: x right, y up, looking along −z.
+    /// World to camera, as glam's `rh::view::look_at_mat4` makes it: x right, y up, looking along −z.
     #[must_use]
     pub fn view_matrix(&self) -> DMat4 {
         let rows = DMat3::from_cols(self.right, self.up, -self.forward).transpose();
@@ -100,7 +100,12 @@ fn rotation_of(view: DMat4) -> Result<DMat3, RuntimeError> {
     let off = turn * turn.transpose() - DMat3::IDENTITY;
     let most = off.to_cols_array().into_iter().fold(0.0, |most: f64, value| most.max(value.abs()));
     if most > SKEW {
-        return refused(format!("axes of lengths {}, {}, {}", turn.row(0).length(), turn.row(1).length(), turn.row(2).length()));
+        return refused(format!(
+            "axes of lengths {}, {}, {}",
+            turn.row(0).length(),
+            turn.row(1).length(),
+            turn.row(2).length()
+        ));
     }
     if turn.determinant() < 0.0 {
         return refused("a mirroring one".into());
@@ -151,13 +156,15 @@ mod tests {
     use super::*;
     use crate::camera::Intrinsics;
     use glam::DVec3;
+    use glam::dcamera::rh::proj::{directx, opengl};
+    use glam::dcamera::rh::view::look_at_mat4;
 
     const SIZE: [u32; 2] = [640, 360];
     /// Round-off of a matrix product and a division at distances of a kilometre, px.
     const ROUND_OFF_PX: f64 = 1e-6;
 
     fn view() -> DMat4 {
-        DMat4::look_at_rh(DVec3::new(30.0, -50.0, 2.0), DVec3::new(400.0, 900.0, 300.0), DVec3::Z)
+        look_at_mat4(DVec3::new(30.0, -50.0, 2.0), DVec3::new(400.0, 900.0, 300.0), DVec3::Z)
     }
 
     fn pixel(matrix: DMat4, point: DVec3) -> DVec2 {
@@ -173,11 +180,11 @@ mod tests {
     fn a_point_lands_where_the_matrices_put_it() {
         let aspect = 16.0 / 9.0;
         let lenses = [
-            DMat4::perspective_rh(1.0, aspect, 0.1, 1e4),
-            DMat4::perspective_rh_gl(1.0, aspect, 0.1, 1e4),
-            DMat4::perspective_infinite_reverse_rh(1.0, aspect, 0.1),
-            DMat4::frustum_rh(-0.3, 0.5, -0.1, 0.3, 0.4, 1e4),
-            DMat4::orthographic_rh(-300.0, 500.0, -100.0, 350.0, 0.1, 1e4),
+            directx::perspective(1.0, aspect, 0.1, 1e4),
+            opengl::perspective(1.0, aspect, 0.1, 1e4),
+            directx::perspective_infinite_reverse(1.0, aspect, 0.1),
+            directx::frustum(-0.3, 0.5, -0.1, 0.3, 0.4, 1e4),
+            directx::orthographic(-300.0, 500.0, -100.0, 350.0, 0.1, 1e4),
         ];
         for lens in lenses {
             let camera = Camera::from_matrices(view(), lens, SIZE).unwrap();
@@ -187,7 +194,7 @@ mod tests {
             }
         }
         // Vulkan's y down: the same picture.
-        let mut down = DMat4::frustum_rh(-0.3, 0.5, -0.1, 0.3, 0.4, 1e4);
+        let mut down = directx::frustum(-0.3, 0.5, -0.1, 0.3, 0.4, 1e4);
         let up = Camera::from_matrices(view(), down, SIZE).unwrap();
         down.y_axis.y = -down.y_axis.y;
         down.z_axis.y = -down.z_axis.y;
@@ -219,13 +226,13 @@ mod tests {
     #[test]
     fn single_precision_matrices_of_an_engine_are_accepted() {
         let view = view().as_mat4().as_dmat4();
-        let lens = glam::Mat4::perspective_infinite_reverse_rh(1.0, 1.7777, 0.1).as_dmat4();
+        let lens = glam::camera::rh::proj::directx::perspective_infinite_reverse(1.0, 1.7777, 0.1).as_dmat4();
         assert!(Camera::from_matrices(view, lens, SIZE).unwrap().check().is_ok());
     }
 
     #[test]
     fn what_is_no_rigid_view_or_no_lens_is_refused() {
-        let lens = DMat4::perspective_rh(1.0, 1.5, 0.1, 100.0);
+        let lens = directx::perspective(1.0, 1.5, 0.1, 100.0);
         let refused = |view: DMat4, lens: DMat4, words: &str| {
             let text = Camera::from_matrices(view, lens, SIZE).unwrap_err().to_string();
             assert!(text.contains(words), "{text}");
@@ -234,7 +241,7 @@ mod tests {
         refused(DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0)) * view(), lens, "mirror");
         refused(DMat4::ZERO, lens, "rigid");
         refused(DMat4::NAN, lens, "finite");
-        refused(view(), DMat4::perspective_lh(1.0, 1.5, 0.1, 100.0), "right-handed");
+        refused(view(), glam::dcamera::lh::proj::directx::perspective(1.0, 1.5, 0.1, 100.0), "right-handed");
         refused(view(), DMat4::ZERO, "projection");
         refused(view(), DMat4::from_diagonal(DVec4::new(0.0, 1.0, 1.0, 1.0)), "scales");
     }

@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn light_is_found_again_for_the_same_stroke_and_viewer_alone() {
-        let stroke = |x: f64| Arc::new(Stroke::direction_froms(&[DVec3::X * x], 1.0, [1.0; 3]).unwrap());
+        let stroke = |x: f64| Arc::new(Stroke::from_points(&[DVec3::X * x], 1.0, [1.0; 3]).unwrap());
         let (viewer, other) = (Viewer::At(DVec3::ZERO), Viewer::At(DVec3::ONE));
         let mut kept = Kept::default();
         let at = kept.insert(stroke(1.0), viewer, 8, (vec![3.0], LightReport::default()));
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn memory_is_bounded_and_the_longest_unused_goes_first() {
-        let stroke = |x: f64| Arc::new(Stroke::direction_froms(&[DVec3::X * x], 1.0, [1.0; 3]).unwrap());
+        let stroke = |x: f64| Arc::new(Stroke::from_points(&[DVec3::X * x], 1.0, [1.0; 3]).unwrap());
         let viewer = Viewer::At(DVec3::ZERO);
         let mut kept = Kept::default();
         let third = || vec![0.0; MOST_BYTES / 12];

@@ -14,9 +14,8 @@ fn intervals(count: usize) -> impl Iterator<Item = [usize; 2]> + Clone {
 fn parts(sources: &SourceBasis) -> impl Iterator<Item = [[usize; 2]; 3]> {
     let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = sources;
     let [nx, ny, nz] = [x_m.len(), y_m.len(), z_m.len()];
-    let all = intervals(nz).flat_map(move |z| {
-        intervals(ny).flat_map(move |y| intervals(nx).map(move |x| [x, y, z]))
-    });
+    let all = intervals(nz)
+        .flat_map(move |z| intervals(ny).flat_map(move |y| intervals(nx).map(move |x| [x, y, z])));
     all.filter(move |part| {
         (0..8).all(|corner: usize| {
             let [i, j, k] = [0, 1, 2].map(|axis| part[axis][corner >> axis & 1]);
@@ -32,9 +31,8 @@ pub(super) fn nearest(sources: &SourceBasis, position: DVec3) -> Option<DVec3> {
         return None;
     }
     let inside = |part: [[usize; 2]; 3]| {
-        let [low, high] = [0, 1].map(|end| {
-            DVec3::new(x_m[part[0][end]], y_m[part[1][end]], z_m[part[2][end]])
-        });
+        let [low, high] =
+            [0, 1].map(|end| DVec3::new(x_m[part[0][end]], y_m[part[1][end]], z_m[part[2][end]]));
         position.clamp(low, high)
     };
     let far = |point: &DVec3| point.distance_squared(position);
@@ -62,7 +60,8 @@ pub(super) fn refusal(sources: &SourceBasis, position: DVec3) -> RuntimeError {
     let [low, high] = reach(sources);
     let field = "point light's position";
     if nodes_around(sources, position).is_none() {
-        let wanted = format!("a point between {low} and {high} m: no virtual point light stands outside of it");
+        let wanted =
+            format!("a point between {low} and {high} m: no virtual point light stands outside of it");
         return RuntimeError::argument(field, wanted, position);
     }
     let nearest = match nearest(sources, position) {
@@ -95,7 +94,9 @@ mod tests {
                 parts.iter().all(|&(node, share)| share == 0.0 || row_of(&sources(), node) != NO_ROW)
             })
         };
-        for (x, y, z) in [(0.5, 0.5, 5.0), (2.0, 0.2, 5.0), (3.0, 0.9, 7.0), (9.0, -4.0, 0.0), (1.4, 0.0, 5.0)] {
+        for (x, y, z) in
+            [(0.5, 0.5, 5.0), (2.0, 0.2, 5.0), (3.0, 0.9, 7.0), (9.0, -4.0, 0.0), (1.4, 0.0, 5.0)]
+        {
             let point = DVec3::new(x, y, z);
             let found = nearest(&sources(), point).unwrap();
             assert!(lit(found), "{found}");

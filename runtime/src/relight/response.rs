@@ -15,8 +15,10 @@ pub struct Response {
     pub version: u16,
     /// What the rows mean.
     pub head: ResponseHead,
-    index: Vec<RowEntry>,
-    bounds: Vec<ChannelBound>,
+    /// One entry a row.
+    pub index: Vec<RowEntry>,
+    /// One bound a row and coefficient, coefficients innermost.
+    pub bounds: Vec<ChannelBound>,
     /// Where all rows lie in the asset's bytes.
     rows: Range<usize>,
 }
@@ -32,18 +34,14 @@ impl Response {
         Ok(Self { asset: asset.clone(), version: section.version, head: section.head, index, bounds, rows })
     }
 
-    fn rows(&self) -> &[u8] {
+    /// All rows.
+    pub fn rows(&self) -> &[u8] {
         self.asset.bytes().get(self.rows.clone()).unwrap_or_default()
     }
 
     /// Number of rows: virtual point lights and distant lights.
     pub fn row_count(&self) -> usize {
         self.index.len()
-    }
-
-    /// Length of row `row`, bytes; 0 where there is no such row.
-    pub fn row_bytes(&self, row: usize) -> u32 {
-        self.index.get(row).map_or(0, |entry| entry.length)
     }
 
     /// The bytes of row `row` with their checksum verified.

@@ -145,7 +145,9 @@ impl Channels<'_> {
                 let count = (long / SPACING_PX).ceil().clamp(1.0, MOST_POINTS);
                 // A source of I W/sr at distance d has irradiance I/d² at the eye: radiance times solid angle, and a
                 // pixel's solid angle is one over pixels per radian squared.
-                let scale = (camera.pixel_aspect * per_metre * per_metre / (distance * distance) / count) as f32 * seen;
+                let scale = (camera.pixel_aspect * per_metre * per_metre / (distance * distance) / count)
+                    as f32
+                    * seen;
                 let light = flash.intensity(segment.intensity);
                 let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
                 for i in 0..count as usize {

@@ -87,7 +87,13 @@ impl Scene {
             }
             light
         };
-        self.render_town(frame, sky, &flashes, (&beyond, clouds.marched(&memory.flash_cells)), &mut memory.town);
+        self.render_town(
+            frame,
+            sky,
+            &flashes,
+            (&beyond, clouds.marched(&memory.flash_cells)),
+            &mut memory.town,
+        );
         self.compose(camera, sky, &beyond, &memory.town, &mut memory.picture);
         self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
         Ok(report)
@@ -203,7 +209,11 @@ impl Scene {
                     *pixel = beyond(&ray).map(|value| value * (1.0 - cover));
                 }
                 let Some(seen) = seen else { continue };
-                let air = sky.air_view(eye_height(camera.position), TOWN_M, f64::from(seen.distance.min(FARTHEST_GROUND_M)));
+                let air = sky.air_view(
+                    eye_height(camera.position),
+                    TOWN_M,
+                    f64::from(seen.distance.min(FARTHEST_GROUND_M)),
+                );
                 for band in 0..3 {
                     pixel[band] += seen.radiance[band] * air.transmittance[band] + air.added[band] * cover;
                 }

@@ -38,7 +38,11 @@ impl Ambient {
         let light = &mut self.light;
         clouds.distant(viewer, |kind, cloud, j| {
             let colours = distant_colours(cloud, sky, kind);
-            light.iter_mut().zip(j).zip(&colours).for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
+            light
+                .iter_mut()
+                .zip(j)
+                .zip(&colours)
+                .for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
         })?;
         self.made_for = Some((parameters.clone(), viewer));
         Ok(&self.light)

@@ -1,15 +1,15 @@
 //! The rain in front of a picture: its medium first, its streaks over that.
 
-use super::channel::irradiance_at;
 use super::Memory;
+use super::channel::irradiance_at;
 use super::draw::LitStroke;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
+use crate::frame::Frame;
 use crate::medium::{Illumination, Medium, Outlook};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
-use crate::frame::Frame;
 use crate::rain::{Environment, Light, Rain, RainVolume, Scene, Shot, SmoothWindow};
 use crate::shade::sky::Sky;
 use crate::shade::streak::StreakSet;

@@ -8,7 +8,6 @@ use squall_formats::drops;
 use squall_formats::section::density::Mode;
 use squall_formats::section::view::ViewSection;
 use squall_formats::units::{Metres, Seconds};
-use squall_runtime::{Frame, StormRenderer};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::density::lookup_counts;
 use squall_runtime::depth::{DepthBuffer, DepthHoles, DepthKind};
@@ -16,6 +15,7 @@ use squall_runtime::medium::{Illumination, Medium, Outlook};
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{Environment, RainVolume, Scene, Shot, SmoothWindow, Weather, Workspace};
 use squall_runtime::tone::Tone;
+use squall_runtime::{Frame, StormRenderer};
 
 #[test]
 fn rates_from_nothing_to_a_cloudburst_have_their_drops_or_are_refused_with_the_range() {
