@@ -12,14 +12,14 @@ use std::path::Path;
 /// Draws `asset` with a camera and a stroke of its own and saves `out`.
 pub fn run(asset: &Path, out: &Path) -> Result<(), Box<dyn Error>> {
     let mut renderer = StormRenderer::open(asset)?;
-    let lit =
-        renderer.clouds().and_then(|clouds| clouds.nearest_lit(DVec3::new(0.0, 12e3, 4e3))).expect("a cloud");
-    let camera = Camera::look_at(DVec3::new(0.0, 0.0, 2.0), lit, Degrees(60.0), [640, 360])?;
-    let stroke = Stroke::from_points(&[lit], 2e7, [0.80, 0.75, 1.28])?;
+    let clouds = renderer.clouds().ok_or("no cloud")?;
+    let place = clouds.nearest_lit(DVec3::new(0.0, 12e3, 4e3)).ok_or("no light")?;
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, 2.0), place, Degrees(60.0), [640, 360])?;
+    let stroke = Stroke::from_points(&[place], 2e7, [0.80, 0.75, 1.28])?;
     let frame = renderer.frame_from(camera).flash(stroke);
     renderer.render(&frame)?;
     let pixels = renderer.tone().to_srgb8(renderer.picture());
-    std::fs::write(out, [b"P6 640 360 255\n", pixels.as_flattened()].concat())?;
+    std::fs::write(out, [b"P6 640 360 255\n".as_slice(), pixels.as_flattened()].concat())?;
     Ok(())
 }
 
