@@ -8,8 +8,7 @@ use squall_bake::output::Output;
 use squall_bake::progress::Progress;
 use squall_bake::{memory, pipeline, recipe::Recipe};
 use squall_formats::container;
-use squall_runtime::Asset;
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
+use squall_runtime::{Asset, StormRenderer};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
@@ -58,12 +57,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     // What was written need not be a file.
     let mut whole = Vec::with_capacity(bytes.get() as usize);
     container::write(&mut whole, &baked.sections)?;
-    let asset = Asset::from_bytes(&whole)?;
-    let storm = Storm::new(&asset)?;
-    let Some(view) = storm.view() else { return Ok(()) };
-    let mut memory = FrameMemory::default();
-    let report = storm.draw(view, FrameQuality::default(), &mut memory)?;
-    preview.write(memory.picture.as_ref(), &tone_of(&view.tone))?;
-    bars.say(&preview.words(view, &report, start.elapsed().as_secs_f64()));
+    let mut renderer = StormRenderer::new(Asset::from_bytes(&whole)?)?;
+    let Some(frame) = renderer.frame() else { return Ok(()) };
+    renderer.render(&frame)?;
+    preview.write(renderer.picture(), &renderer.tone())?;
+    bars.say(&preview.words(renderer.picture(), &renderer.report(), start.elapsed().as_secs_f64()));
     Ok(())
 }

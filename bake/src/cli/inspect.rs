@@ -11,6 +11,7 @@ use squall_formats::section::response::{Codec, DirectTerm, NO_ROW, ResponseHead,
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
+use squall_runtime::relight::share_lit;
 use squall_runtime::{Asset, RuntimeError};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -63,6 +64,15 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
             "next_cheaper": record.next_cheaper,
         })
     };
+    let light = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read).ok();
+    let light = light.and_then(|section| {
+        let (grid, rows) = section.head.sources.light_grid()?;
+        Some(json!({
+            "pruned": rows.contains(&NO_ROW),
+            "share_lit": share_lit(&section.head.sources),
+            "bounds_m": grid.bounds(),
+        }))
+    });
     let sections: Vec<Value> = asset.directory().entries.iter().map(section).collect();
     let budgets: Vec<Value> = provenance.iter().flat_map(|p| &p.budgets).map(budget).collect();
     json!({
@@ -71,6 +81,7 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
         "recipe_hash": provenance.map(|p| hex(&p.recipe_hash)),
         "sections": sections,
         "budgets": budgets,
+        "light": light,
     })
 }
 
@@ -209,7 +220,11 @@ fn describe_response(head: &ResponseHead) -> String {
     let lights = head.sources.light_grid().map_or_else(String::new, |(grid, rows)| {
         let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
         let [x, y, z] = grid.axes().map(<[f64]>::len);
-        format!("{baked} of {x} × {y} × {z} virtual lights, ")
+        let lit = match baked == rows.len() {
+            true => "not pruned: the whole box is lit".to_owned(),
+            false => format!("pruned: {:.1} % of the box is lit", 100.0 * share_lit(&head.sources)),
+        };
+        format!("{baked} of {x} × {y} × {z} virtual lights ({lit}), ")
     });
     let basis = head.basis.name();
     let cells = head.shape.len();

@@ -1,6 +1,6 @@
 //! Lightning channels: as lines of light in the picture, and as points that light the town and stand in its water.
 
-use super::{CLOUD_M, EYE_M, Flash};
+use super::draw::{CLOUD_M, LitStroke, eye_height};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;
@@ -43,7 +43,7 @@ fn through(cloud: Option<&Cloud>, from: DVec3, to: DVec3) -> f32 {
 
 /// The strokes as points of light around `eye`; what the cloud hides is left out, since its glow is a light of its own.
 pub fn town_lights(
-    flashes: &[Flash<'_>],
+    flashes: &[LitStroke],
     cloud: Option<&Cloud>,
     eye: DVec3,
     air: &dyn Fn(f64) -> [f32; 3],
@@ -97,12 +97,12 @@ fn gathered(mut points: Vec<SceneLight>, light: impl Fn(&SceneLight) -> f32, tot
 
 /// Irradiance of the strokes' own light at the eye, W/m² per channel, and the direction that it travels in.
 pub fn irradiance_at(
-    flashes: &[Flash<'_>],
+    flashes: &[LitStroke],
     cloud: Option<&Cloud>,
     sky: &Sky,
     eye: DVec3,
 ) -> ([f32; 3], DVec3) {
-    let air = |distance: f64| sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+    let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
     let (mut sum, mut way) = ([0.0f32; 3], DVec3::ZERO);
     for point in town_lights(flashes, cloud, eye, &air).shadows {
         let offset = eye - point.position.as_dvec3();
@@ -118,7 +118,7 @@ pub fn irradiance_at(
 
 /// What channels in a picture depend on.
 pub struct Channels<'a> {
-    pub flashes: &'a [Flash<'a>],
+    pub flashes: &'a [LitStroke],
     pub camera: &'a Camera,
     pub sky: &'a Sky,
     pub cloud: Option<&'a Cloud>,
@@ -140,12 +140,14 @@ impl Channels<'_> {
                 if seen < FAINT {
                     continue;
                 }
-                let air = sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+                let air = sky.air_view(eye_height(camera.position), CLOUD_M, distance).transmittance;
                 let long = segment.from.distance(segment.to) * per_metre / distance;
                 let count = (long / SPACING_PX).ceil().clamp(1.0, MOST_POINTS);
                 // A source of I W/sr at distance d has irradiance I/d² at the eye: radiance times solid angle, and a
                 // pixel's solid angle is one over pixels per radian squared.
-                let scale = (per_metre * per_metre / (distance * distance) / count) as f32 * seen;
+                let scale = (camera.pixel_aspect * per_metre * per_metre / (distance * distance) / count)
+                    as f32
+                    * seen;
                 let light = flash.intensity(segment.intensity);
                 let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
                 for i in 0..count as usize {
