@@ -10,6 +10,9 @@ use glam::DVec3;
 /// Shortest distance to a light that counts, m, for rays without a width.
 const NEAREST: f64 = 1e-3;
 
+/// Optical depth from which on all of a step's light comes from its nearest place: e^−depth itself would vanish.
+const DEEPEST: f64 = 40.0;
+
 /// How closely a march looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarchQuality {
@@ -213,8 +216,11 @@ impl<'a, D: Density> CloudMarch<'a, D> {
                 let (gone, through) = shares(step, extinction);
                 composite(&mut radiance, quality.places, open * cloud.albedo * gone, |place| {
                     // With one place its weight does not matter.
-                    let weight =
-                        if quality.places.len() == 1 { 1.0 } else { weight(extinction * step * place) };
+                    let weight = if quality.places.len() == 1 {
+                        1.0
+                    } else {
+                        weight((extinction * step).min(DEEPEST) * place)
+                    };
                     (in_scattered(at + place * step), weight)
                 });
                 seen += open * gone;
