@@ -216,7 +216,8 @@ fn lamps_beyond_what_was_baked_are_solved_for_and_it_is_said() {
     for asset in ["rows", "late"] {
         let far = relight(asset, &[lamp(OUTSIDE, 3.0)], 0, &[]);
         assert!(
-            far.error.contains("1 of 1 lamps lie outside") && far.error.lines().count() == 1,
+            far.error.starts_with("note: 1 of 1 lamps lie outside")
+                && far.error.matches("note:").count() == 1,
             "{}",
             far.error
         );
