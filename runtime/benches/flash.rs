@@ -33,7 +33,8 @@ fn frames(renderer: &mut StormRenderer, still: &Frame, lit: bool) -> Option<Vec<
 }
 
 fn main() {
-    let given: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let given: Vec<String> =
+        std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     let usual = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
     let asset = given.first().map_or(usual, String::as_str);
     let side = |at: usize, usual: u32| given.get(at).and_then(|text| text.parse().ok()).unwrap_or(usual);
