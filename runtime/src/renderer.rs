@@ -4,6 +4,7 @@ mod channel;
 mod draw;
 mod light;
 mod rain;
+mod town;
 
 use crate::camera::Camera;
 use crate::clouds::Clouds;
@@ -18,7 +19,6 @@ use crate::shade::detail::{Detail, DetailParameters};
 use crate::shade::sky::{Sky, SkyParameters};
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
-use crate::shade::town::frame::TownFrame;
 use crate::stroke::{Stroke, Strokes};
 use crate::tone::Tone;
 use glam::Vec4;
@@ -72,7 +72,7 @@ struct Memory {
     ambient: light::Ambient,
     cells: Vec<Vec4>,
     flash_cells: Vec<Vec4>,
-    town: TownFrame,
+    town: town::Kept,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -140,7 +140,7 @@ impl StormRenderer {
             ambient: light::Ambient::default(),
             cells: Vec::new(),
             flash_cells: Vec::new(),
-            town: TownFrame::default(),
+            town: town::Kept::default(),
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),

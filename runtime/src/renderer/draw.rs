@@ -8,7 +8,7 @@
 //! 4. The rain's medium, in front of it the channels of strokes in sight, dimmed by what rain is between ([`super::channel`]).
 //! 5. The rain's streaks ([`super::rain`]).
 
-use super::{FrameReport, Memory, Scene, channel, light, rain};
+use super::{FrameReport, Memory, Scene, channel, light, rain, town};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
@@ -20,7 +20,7 @@ use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::Sky;
 use crate::shade::town::frame::TownFrame;
-use crate::shade::town::light::Lighting;
+use crate::shade::town::light::{Lighting, StrokeLights};
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
@@ -68,7 +68,7 @@ impl Scene {
         memory: &mut Memory,
     ) -> Result<FrameReport, RuntimeError> {
         let camera = &frame.camera;
-        let flashes = self.lit_strokes(frame)?;
+        let flashes = self.lit_strokes(frame, sky)?;
         let size = [camera.width as usize, camera.height as usize];
         if [memory.picture.width, memory.picture.height] != size {
             memory.picture = Picture::new(size[0], size[1])?;
@@ -95,7 +95,7 @@ impl Scene {
             (&beyond, clouds.marched(&memory.flash_cells)),
             &mut memory.town,
         );
-        self.compose(camera, sky, &beyond, &memory.town, &mut memory.picture);
+        self.compose(camera, sky, &beyond, memory.town.frame(), &mut memory.picture);
         self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
         Ok(report)
     }
@@ -107,7 +107,7 @@ impl Scene {
         sky: &Sky,
         flashes: &[LitStroke],
         (beyond, lit): (&(dyn Fn(&Ray) -> [f32; 3] + Sync), Option<CloudPicture<'_>>),
-        out: &mut TownFrame,
+        out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
         let camera = &frame.camera;
@@ -123,18 +123,17 @@ impl Scene {
         // A cloud that no stroke lights sheds nothing: its rays are not followed.
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
-        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
-        let points = channel::town_lights(flashes, self.cloud_grid(), eye, &air);
         let ambient = |normal: Vec3| sky.ambient_irradiance(normal);
         let leaves = |_: Vec3, direction: Vec3| mirror.lookup(direction);
         let lighting = Lighting {
             ambient: &ambient,
-            points: &points.shadows,
-            images: &points.images,
+            points: &[],
+            images: &[],
+            strokes: &[],
             glows: &glows,
             leaves: &leaves,
         };
-        town.render(camera, &lighting, frame.quality.town, out);
+        out.render(town, frame, flashes, lighting);
     }
 
     /// The rain's medium over the picture, channels in front of it, streaks in front of those.
@@ -163,9 +162,7 @@ impl Scene {
             rain: &rain,
             patterns: &self.patterns,
             frame,
-            sky,
             flashes,
-            cloud,
             lamps: town.map_or(&[], |town| town.lamps()),
             has_depth: town.is_some(),
             surroundings: Surroundings::from_picture(&memory.picture),
@@ -181,12 +178,16 @@ impl Scene {
     }
 
     /// The strokes that the frame lets flash, each with its factor.
-    fn lit_strokes(&self, frame: &Frame) -> Result<Vec<LitStroke>, RuntimeError> {
+    fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
+        let eye = frame.camera.position;
+        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
         let strokes = self.strokes.find(lit.clone())?;
-        let scaled =
-            |(flash, stroke): (&Flash, Arc<Stroke>)| LitStroke { scale: flash.scale_of(&stroke), stroke };
-        Ok(lit.zip(strokes).map(scaled).collect())
+        let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
+            let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
+            LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
+        };
+        Ok(lit.zip(strokes).map(lit_by).collect())
     }
 
     /// Sky and cloud behind the town, clear air in front.
@@ -243,7 +244,9 @@ impl<'a> Clouds<'a> {
 pub(super) struct LitStroke {
     pub stroke: Arc<Stroke>,
     /// Colour times brightness.
-    scale: [f32; 3],
+    pub scale: [f32; 3],
+    /// The stroke as points around the eye, of brightness 1 in white.
+    pub lights: StrokeLights,
 }
 
 impl LitStroke {

@@ -11,9 +11,7 @@ use crate::medium::{Illumination, Medium, Outlook};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
 use crate::rain::{Rain, RainLight, RainVolume, Scene, Shot, SmoothWindow, Surroundings};
-use crate::shade::sky::Sky;
 use crate::shade::streak::StreakSet;
-use crate::transport::Cloud;
 use glam::DVec3;
 use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
@@ -25,9 +23,7 @@ pub struct Task<'a> {
     pub rain: &'a Rain,
     pub patterns: &'a StreakSet,
     pub frame: &'a Frame,
-    pub sky: &'a Sky,
     pub flashes: &'a [LitStroke],
-    pub cloud: Option<&'a Cloud>,
     pub lamps: &'a [StreetLamp],
     pub has_depth: bool,
     /// The picture's own radiances, before its channels were drawn: a drop's surroundings.
@@ -93,7 +89,7 @@ fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>,
 pub fn medium(task: &Task<'_>, memory: &mut Memory) -> Result<RainMedium, RuntimeError> {
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
     let volume = weather.volume;
-    let (irradiance, direction) = irradiance_at(task.flashes, task.cloud, task.sky, camera.position);
+    let (irradiance, direction) = irradiance_at(task.flashes, camera.position);
     let mut scene = task.surroundings;
     (scene.flash_irradiance, scene.flash_direction) = (irradiance, direction);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
@@ -106,7 +102,7 @@ pub fn medium(task: &Task<'_>, memory: &mut Memory) -> Result<RainMedium, Runtim
     let ambient: [f32; 3] = std::array::from_fn(|band| 0.5 * (scene.above[band] + scene.below[band]));
     memory.metres.clear();
     if task.has_depth {
-        memory.metres.extend(memory.town.pixels.iter().map(|pixel| pixel.distance));
+        memory.metres.extend(memory.town.frame().pixels.iter().map(|pixel| pixel.distance));
     } else {
         memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
     }
