@@ -95,7 +95,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             live.seconds
         );
     }
-    let (_, width, image) = fields.images.first().ok_or_else(|| BakeError::NoPicture)?;
+    let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
