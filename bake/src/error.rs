@@ -51,6 +51,14 @@ pub enum BakeError {
     /// A check whose answer is no: damaged, different, above its bound.
     #[error("{0}")]
     Failed(String),
+    /// Measured figures above what was allowed, or not measured.
+    #[error("{asset}: {}", found.join("; "))]
+    OverLimit {
+        /// What the asset is called.
+        asset: String,
+        /// Each figure with its bound, in words.
+        found: Vec<String>,
+    },
     /// Ctrl-C or a termination signal.
     #[error("interrupted; nothing was written")]
     Interrupted,
@@ -88,7 +96,7 @@ impl BakeError {
     /// Exit code of the command for this error: 1 a check failed, 3 bad input, 4 the system, 130 interrupted.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Failed(_) | Self::NotReached { .. } => 1,
+            Self::Failed(_) | Self::NotReached { .. } | Self::OverLimit { .. } => 1,
             Self::Input { .. } | Self::Recipe(_) => 3,
             Self::Asset(error) => runtime_exit_code(error),
             Self::Io { source, .. } => io_exit_code(source),

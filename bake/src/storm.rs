@@ -8,12 +8,13 @@ use crate::error::BakeError;
 use crate::input::picture::read_grey;
 use crate::input::town::read_town;
 use crate::progress::Progress;
+use crate::provenance::{self, input_record};
 use crate::recipe::{Rain, Recipe};
 use crate::streak;
 use clouds::bake_clouds;
 use squall_formats::container::OutSection;
 use squall_formats::section::bolt::BoltSection;
-use squall_formats::section::provenance::{BudgetRecord, InputRecord, ProvenanceSection};
+use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
 use squall_formats::section::streak::{Method, StreakPattern, StreakSection};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -39,6 +40,8 @@ pub struct Baked {
     pub sections: Vec<OutSection>,
     /// What each stage made.
     pub stages: Vec<StageReport>,
+    /// What it was made from, and the figures measured: as in the sections.
+    pub provenance: ProvenanceSection,
 }
 
 /// A stage's clock.
@@ -54,20 +57,20 @@ impl Stage {
 ///
 /// Errors: an input that is missing or out of range, a method that cannot reach what was asked, an interruption.
 pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError> {
-    let mut provenance = ProvenanceSection {
-        tool: format!("squall {}", env!("CARGO_PKG_VERSION")),
-        recipe_hash: *blake3::hash(recipe.text.as_bytes()).as_bytes(),
+    let mut made_from = ProvenanceSection {
+        tool: provenance::tool(),
+        recipe_hash: provenance::recipe_hash(recipe),
         inputs: Vec::new(),
         budgets: Vec::new(),
     };
     let (mut sections, mut stages) = (Vec::new(), Vec::new());
     if let Some(rain) = &recipe.rain {
-        bake_rain(recipe, rain, &mut provenance, &mut sections, &mut stages, progress)?;
+        bake_rain(recipe, rain, &mut made_from, &mut sections, &mut stages, progress)?;
     }
     if let Some(path) = &recipe.town {
         let start = Stage(Instant::now());
         let town = read_town(path)?;
-        record(recipe, path, &mut provenance)?;
+        record(recipe, path, &mut made_from)?;
         let made = format!("{} blocks, {} lamps", town.blocks.len(), town.lamps.len());
         let section = town.write();
         stages.push(start.done("town", made, section.length(), "as given".into()));
@@ -80,19 +83,15 @@ pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError
         sections.push(BoltSection { strokes: recipe.strokes.clone() }.write());
     }
     if let Some(clouds) = &recipe.clouds {
-        bake_clouds(recipe, clouds, &mut provenance, &mut sections, &mut stages, progress)?;
+        bake_clouds(recipe, clouds, &mut made_from, &mut sections, &mut stages, progress)?;
     }
-    sections.insert(0, provenance.write());
-    Ok(Baked { sections, stages })
+    sections.insert(0, made_from.write());
+    Ok(Baked { sections, stages, provenance: made_from })
 }
 
 /// Records a file's length and hash under the name that the recipe gives it.
 fn record(recipe: &Recipe, path: &Path, provenance: &mut ProvenanceSection) -> Result<(), BakeError> {
-    let bytes = std::fs::read(path).map_err(BakeError::io(path, "read"))?;
-    let folder = recipe.file.parent().unwrap_or(Path::new(""));
-    let name = path.strip_prefix(folder).unwrap_or(path).display().to_string();
-    let hash = *blake3::hash(&bytes).as_bytes();
-    provenance.inputs.push(InputRecord { name, bytes: bytes.len() as u64, hash });
+    provenance.inputs.push(input_record(recipe, path)?);
     Ok(())
 }
 
