@@ -4,6 +4,7 @@ mod cli;
 
 use clap::Parser;
 use squall_bake::BakeError;
+use squall_bake::output::pending;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -14,7 +15,7 @@ fn main() -> ExitCode {
         Err(error) => {
             cli::progress::clear();
             match error.downcast_ref() {
-                Some(BakeError::Interrupted) => cli::interrupt::say(),
+                Some(BakeError::Interrupted) => cli::interrupt::say(pending::note()),
                 // Nobody may be left to read it.
                 _ => _ = writeln!(std::io::stderr(), "squall: {}", cli::words(&error)),
             }

@@ -3,7 +3,7 @@
 mod ahead;
 mod report;
 
-use super::common::Common;
+use super::common::{Common, Memory};
 use super::limits::{self, Limit};
 use super::picture::PictureFile;
 use super::progress::Bars;
@@ -14,7 +14,7 @@ use squall_bake::metrics::Figures;
 use squall_bake::output::{Output, Place};
 use squall_bake::progress::Progress;
 use squall_bake::provenance::changes;
-use squall_bake::{recipe::Recipe, storm};
+use squall_bake::{memory, recipe::Recipe, storm};
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::response::ResponseSection;
@@ -55,6 +55,8 @@ pub struct Args {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    memory: Memory,
     #[command(flatten)]
     common: Common,
 }
@@ -117,6 +119,7 @@ fn bake(args: &Args, recipe: &Recipe, out: &Path, bars: &Bars, report: &mut Repo
     let start = Instant::now();
     let out = Output::prepare(out)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
+    memory::require_bake(recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
     let baked = storm::bake(recipe, bars)?;
     bars.check()?;
     let length = container::write(&mut std::io::sink(), &baked.sections)?;

@@ -2,6 +2,7 @@
 
 use super::progress::Bars;
 use squall_bake::BakeError;
+use squall_bake::memory::{Limit, parse_size};
 use std::path::Path;
 
 /// Most threads that may be asked for: more than any machine has cores, fewer than systems refuse.
@@ -31,4 +32,24 @@ impl Common {
         }
         Ok(Bars::new(self.quiet))
     }
+}
+
+/// `--memory`
+#[derive(clap::Args)]
+pub struct Memory {
+    /// Most memory that the work may take, such as 8G; what is free on the machine if left out. Work that would take more is refused
+    /// before it begins.
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
+}
+
+impl Memory {
+    /// The smaller of what was asked for and what there is.
+    pub fn limit(&self) -> Limit {
+        Limit::new(self.memory)
+    }
+}
+
+fn size(text: &str) -> Result<u64, String> {
+    parse_size(text).ok_or_else(|| "wanted a size such as 8G, 512M or a number of bytes".into())
 }

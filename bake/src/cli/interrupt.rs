@@ -19,8 +19,8 @@ pub fn install() -> anyhow::Result<()> {
         ASKED.store(true, Ordering::Relaxed);
         std::thread::sleep(GRACE);
         progress::clear();
-        pending::discard();
-        say();
+        let note = pending::discard();
+        say(note);
         std::process::exit(i32::from(BakeError::Interrupted.exit_code()));
     })?;
     Ok(())
@@ -32,12 +32,12 @@ pub fn asked() -> bool {
 }
 
 /// Says that the command was interrupted, and what was left on purpose; once, whoever comes first.
-pub fn say() {
+pub fn say(note: Option<String>) {
     if SAID.swap(true, Ordering::Relaxed) {
         return;
     }
     let mut words = format!("squall: {}\n", BakeError::Interrupted);
-    if let Some(note) = pending::note() {
+    if let Some(note) = note {
         words = format!("note: {note}\n{words}");
     }
     let _ = std::io::stderr().write_all(words.as_bytes());

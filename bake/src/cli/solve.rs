@@ -1,13 +1,14 @@
 //! `squall solve SCENE.json --lamp NAME -o DIR [--method sweep|monte-carlo …]`
 
-use super::common::Common;
+use super::common::{Common, Memory};
 use super::folder::OutputFolder;
 use super::progress::Bars;
 use anyhow::Result;
 use serde_json::{Value, json};
-use squall_bake::cloud::{TruthSettings, solve_light};
+use squall_bake::cloud::{TruthSettings, automatic_refinement, solve_light};
 use squall_bake::fields::{Estimate, Fields, orthographic};
 use squall_bake::input::scene::{Optics, Scene, read_scene};
+use squall_bake::memory;
 use squall_bake::monte_carlo::{ChanceSettings, PHOTONS, solve_by_chance};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
@@ -52,6 +53,8 @@ pub struct Args {
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
     #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
     common: Common,
 }
 
@@ -93,6 +96,10 @@ pub fn run(args: Args) -> Result<()> {
         error.exit();
     }
     let start = Instant::now();
+    if let (Method::Sweep, Some(cells)) = (args.method, memory::cells_of(&args.scene)) {
+        // Before the cells are read; what refinement makes of them is known only then.
+        memory::of_solve(cells, args.refine.unwrap_or(1), 0).require(&args.scene, args.memory.limit(), "")?;
+    }
     let scene = read_scene(&args.scene, Optics::default())?;
     let light = scene.light(&args.lamp)?;
     let mut folder = OutputFolder::prepare(&args.out)?;
@@ -137,6 +144,11 @@ fn file_names(args: &Args, scene: &Scene) -> Vec<String> {
 }
 
 fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Fields, Value, String)> {
+    let cells = scene.cloud.shape.len() as u64;
+    let refine = args.refine.unwrap_or_else(|| automatic_refinement(&scene.cloud));
+    let directions = orthographic(&scene.cameras).count() as u64;
+    let remedy = if refine > 1 { ", or a smaller --refine" } else { "" };
+    memory::of_solve(cells, refine, directions).require(&args.scene, args.memory.limit(), remedy)?;
     let mut settings = TruthSettings { refine: args.refine.unwrap_or(0), ..TruthSettings::default() };
     settings.solve.quadrature = args.directions.unwrap_or(settings.solve.quadrature);
     settings.solve.tolerance = args.tolerance.unwrap_or(settings.solve.tolerance);

@@ -77,8 +77,8 @@ pub fn note() -> Option<String> {
     lock().note.clone()
 }
 
-/// Removes everything that is pending, and keeps this process from making or renaming more: for the moment before its end.
-/// Returns the sentence of [`set_note`].
+/// Removes everything that is pending, and keeps this process from making or renaming more: for the moment before its end. Whoever
+/// takes note of anything afterwards, or asks for the sentence of [`set_note`], waits for ever; it is returned here.
 pub fn discard() -> Option<String> {
     let start = Instant::now();
     let pending = loop {
