@@ -138,7 +138,8 @@ fn sweeps(clouds: &Clouds, cloud: &Cloud) -> f64 {
     let depth = depth * share * mean;
     let escapes = (1.0 - scaled.albedo) + 3.0 / ((depth + 2.0) * (depth + 2.0));
     let tolerance = clouds.response.solve.tolerance;
-    (2.0 + SWEEPS * libm::log(2.0 / tolerance) / libm::sqrt(escapes)).min(f64::from(clouds.response.solve.max_sweeps))
+    (2.0 + SWEEPS * libm::log(2.0 / tolerance) / libm::sqrt(escapes))
+        .min(f64::from(clouds.response.solve.max_sweeps))
 }
 
 impl CloudWork {
@@ -153,10 +154,13 @@ impl CloudWork {
         let steps = 2.0 * (nx * ny + ny * nz + nz * nx) * samples * samples * 0.5 * (nx + ny + nz);
         let batches = (self.virtual_lights.div_ceil(BATCH) + self.distant.div_ceil(BATCH)) as f64;
         let cell_directions = cells * self.directions as f64 * self.sweeps;
-        let swept = SWEEP[0] * batches * cell_directions + SWEEP[1] * self.held_out_strokes as f64 * cell_directions;
+        let swept =
+            SWEEP[0] * batches * cell_directions + SWEEP[1] * self.held_out_strokes as f64 * cell_directions;
         let in_rows = if settings.direct == DirectTerm::InRows { RAY[1] } else { 0.0 };
         let traced = steps * (RAY[0] + in_rows) * self.virtual_lights as f64
-            + steps * (RAY[0] + RAY[1]) * (self.held_out_points as f64 + 0.5 * BEAMS_OF_SKY * self.distant as f64);
+            + steps
+                * (RAY[0] + RAY[1])
+                * (self.held_out_points as f64 + 0.5 * BEAMS_OF_SKY * self.distant as f64);
         let rows = (self.virtual_lights + self.distant) as f64;
         let coded = CODE * rows * self.coefficients as f64 * cloud.shape.len() as f64;
         swept + traced + coded

@@ -75,7 +75,10 @@ impl Args {
     /// Ends the command (exit code 2) where options do not go together.
     fn check_usage(&self) {
         json::check_stdout(self.json, &self.outputs());
-        let is_file = self.out.as_deref().is_none_or(|out| !matches!(Place::of(out), Ok(Place::Stdout | Place::Stream(_))));
+        let is_file = self
+            .out
+            .as_deref()
+            .is_none_or(|out| !matches!(Place::of(out), Ok(Place::Stdout | Place::Stream(_))));
         if !is_file && (self.if_changed || self.depfile.is_some()) {
             json::usage("--if-changed and --depfile need an asset that is a file");
         }
@@ -143,7 +146,9 @@ fn keep(args: &Args, recipe: &Recipe, asset: &Asset, bars: &Bars, report: &mut R
     report.unchanged = true;
     report.figures = figures_of(asset)?;
     let name = asset.path().display().to_string();
-    bars.say(&format!("{name}: unchanged, nothing to do: made from this recipe and these inputs by this version"));
+    bars.say(&format!(
+        "{name}: unchanged, nothing to do: made from this recipe and these inputs by this version"
+    ));
     report.warn(recipe, bars);
     limits::check(&args.max_error, &report.figures, &name)?;
     match args.preview.as_deref().filter(|path| !path.exists()) {
@@ -182,7 +187,11 @@ fn unchanged(recipe: &Recipe, out: &Path) -> Result<Option<Asset>, BakeError> {
 }
 
 /// Figures of what is about to be written.
-fn figures(sections: &[OutSection], provenance: &ProvenanceSection, length: u64) -> Result<Figures, BakeError> {
+fn figures(
+    sections: &[OutSection],
+    provenance: &ProvenanceSection,
+    length: u64,
+) -> Result<Figures, BakeError> {
     let find = |tag| sections.iter().find(|section| section.tag == tag);
     let streaks = find(StreakSection::TAG).map(|section| {
         StreakSection::read(&section.to_bytes(), StreakSection::VERSION, &Default::default())

@@ -27,6 +27,13 @@ pub struct Args {
     json: bool,
 }
 
+impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        self.json
+    }
+}
+
 /// Only the heads of sections are read, so that the time taken does not depend on the asset's size.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let asset = super::asset::open_directory(&args.asset)?;

@@ -4,21 +4,17 @@ use super::table;
 use serde_json::{Value, json};
 use squall_bake::output::Place;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-static ANSWERED: AtomicBool = AtomicBool::new(false);
 
 /// Prints the answer of a command that was asked for JSON.
 ///
 /// Errors: standard output cannot be written to.
 pub fn answer(value: &Value) -> anyhow::Result<()> {
-    ANSWERED.store(true, Ordering::Relaxed);
     table::print(&format!("{value:#}\n"))
 }
 
 /// Prints what a command failed by, unless its answer is there already.
 pub fn failure(command: &str, failure: &anyhow::Error) {
-    if ANSWERED.load(Ordering::Relaxed) {
+    if table::printed() {
         return;
     }
     let error = json!({ "exit_code": super::exit_code(failure), "message": super::words(failure) });

@@ -57,6 +57,26 @@ enum Command {
     Synth(synth::Synth),
 }
 
+impl Cli {
+    /// Name of the command, if its answer is to be JSON.
+    pub fn json(&self) -> Option<&'static str> {
+        let (name, json) = match &self.command {
+            Command::Bake(args) => ("bake", args.json()),
+            Command::Render(args) => ("render", args.json()),
+            Command::Relight(args) => ("relight", args.json()),
+            Command::Solve(args) => ("solve", args.json()),
+            Command::Query(args) => ("query", args.json()),
+            Command::Inspect(args) => ("inspect", args.json()),
+            Command::Verify(args) => ("verify", args.json()),
+            Command::Diff(args) => ("diff", args.json()),
+            Command::Chart(_) => ("chart", false),
+            Command::Streaks(command) => ("streaks fit", command.json()),
+            Command::Synth(command) => command.json(),
+        };
+        json.then_some(name)
+    }
+}
+
 /// Runs the chosen subcommand.
 pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {

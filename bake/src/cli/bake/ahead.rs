@@ -3,14 +3,13 @@
 use super::super::{json, table};
 use super::Args;
 use serde_json::{Value, json};
+use squall_bake::BakeError;
 use squall_bake::estimate::{Estimate, estimate};
 use squall_bake::input::picture::read_grey;
 use squall_bake::input::scene::read_scene;
 use squall_bake::input::town::read_town;
-use squall_bake::progress::Progress;
 use squall_bake::provenance::{input_records, tool};
 use squall_bake::recipe::Recipe;
-use squall_bake::BakeError;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -21,7 +20,9 @@ pub fn run(args: &Args, recipe: &Recipe) -> anyhow::Result<()> {
     let records = input_records(recipe)?;
     let inputs: Vec<Value> = records
         .iter()
-        .map(|record| json!({ "name": record.name, "bytes": record.bytes, "blake3": json::hex(&record.hash) }))
+        .map(
+            |record| json!({ "name": record.name, "bytes": record.bytes, "blake3": json::hex(&record.hash) }),
+        )
         .collect();
     let foreseen = estimate(recipe)?;
     let mode = if args.check { "check" } else { "dry-run" };
@@ -76,7 +77,11 @@ fn in_words(recipe: &Path, inputs: usize, foreseen: &Estimate) -> String {
         let _ = writeln!(
             text,
             "sources: {} of {gx} × {gy} × {gz} virtual lights and {} distant, {} coefficients a cell; {} held-out strokes of {} points",
-            clouds.virtual_lights, clouds.distant, clouds.coefficients, clouds.held_out_strokes, clouds.held_out_points
+            clouds.virtual_lights,
+            clouds.distant,
+            clouds.coefficients,
+            clouds.held_out_strokes,
+            clouds.held_out_points
         );
         if clouds.chosen_by_budget {
             text.push_str("settings are left to [clouds.budget]: what follows is one bake with the recipe's own, without the search\n");
