@@ -3,7 +3,8 @@
 //! Every line has a time AND an error. Nothing is asserted: machines differ, and tests judge errors.
 
 use glam::DVec3;
-use squall_bake::density::{DensitySpec, bake_density, solve_counts};
+use squall_bake::density::{DensitySpec, solve_counts};
+use squall_bake::plan::density::bake_density;
 use squall_formats::drops::View;
 use squall_formats::section::density::Mode;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};

@@ -3,11 +3,11 @@
 //!
 //! One thread. The floor is the rows' bytes over the bandwidth of reading memory, measured in the same run.
 
-use squall_bake::budget::cost;
+use squall_bake::evaluate::cost;
+use squall_bake::evaluate::held_out::grown_strokes;
+use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::evaluate::test_strokes;
-use squall_bake::storm;
 use squall_formats::container;
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_runtime::Asset;
@@ -42,7 +42,7 @@ fn main() {
     let given = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
     let path = given.map(PathBuf::from).unwrap_or_else(|| {
         let recipe = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../data/recipes/paper.toml");
-        let baked = storm::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap();
+        let baked = pipeline::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap();
         let kept = folder.insert(tempfile::tempdir().unwrap());
         let path = kept.path().join("paper.squall");
         container::write(&mut std::fs::File::create(&path).unwrap(), &baked.sections).unwrap();
@@ -55,7 +55,7 @@ fn main() {
 
     // The stroke whose points touch a hundred virtual lights, as nearly as random strokes give it.
     let cloud = relighter.cloud();
-    let strokes = test_strokes(cloud, relighter.reach(), |point| relighter.reaches(point), 40.0, 0..64);
+    let strokes = grown_strokes(cloud, relighter.reach(), |point| relighter.reaches(point), 40.0, 0..64);
     let mut buffers = RelightBuffers::default();
     let mut touched = |lights: &[PointLight]| relighter.weigh(lights, &mut buffers).unwrap().len();
     let stroke = strokes.iter().min_by_key(|lights| touched(lights).abs_diff(SOURCES)).unwrap();

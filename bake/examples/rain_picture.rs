@@ -4,7 +4,8 @@
 //! found. The scene is analytic, so the example needs no input.
 
 use glam::DVec3;
-use squall_bake::density::{DensitySpec, bake_density};
+use squall_bake::density::DensitySpec;
+use squall_bake::plan::density::bake_density;
 use squall_formats::units::{Degrees, Metres, MillimetresPerHour, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::depth::{DepthBuffer, DepthKind};

@@ -19,7 +19,7 @@ use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
 use squall_runtime::transport::lanes::SimdLevel;
 use squall_runtime::transport::quadrature::Quadrature;
-use squall_runtime::transport::solve::{Solvable, SolveBuffers, SolveSettings, Solver};
+use squall_runtime::transport::solve::{BatchReport, Solvable, SolveBuffers, SolveSettings, Solver};
 use squall_runtime::transport::sweep::Leak;
 use squall_runtime::transport::{Boundary, Cloud};
 
@@ -185,72 +185,18 @@ fn solve_with_degree<const M: usize>(
 where
     f32: Solvable<M>,
 {
-    let refine = if settings.refine == 0 { automatic_refinement(cloud) } else { settings.refine };
-    let depth = sub_cell_depth(cloud, refine);
-    if settings.refine == 0 && depth > DEEPEST_SUB_CELL {
-        let wanted = format!(
-            "solve cells at most {DEEPEST_SUB_CELL} deep after delta scaling, which takes cells of the scene {:.1} times \
-             smaller; --refine {refine} solves as they are, with fluxes through deep parts too large",
-            depth / DEEPEST_SUB_CELL
-        );
-        return Err(RuntimeError::argument("optical depth of a cell", wanted, format!("{depth:.3}")).into());
-    }
+    let (refine, depth) = checked_refinement::<M>(cloud, settings)?;
     let factors = [refine; 3];
-    let most = MAX_SOLVE_BYTES / (9 * M * size_of::<f32>());
-    let cells = factors.iter().try_fold(cloud.shape.len(), |cells, &f| cells.checked_mul(f as usize));
-    if cells.is_none_or(|cells| cells > most) {
-        let found = format!("{} × {refine}³", cloud.shape.len());
-        return Err(RuntimeError::argument("solve grid", format!("at most {most} cells"), found).into());
-    }
     let fine = cloud.refined(factors)?;
     let solver = Solver::<M>::new(&fine, settings.solve)?;
     let scaled = solver.scaled();
-    let tracer = Tracer::new(&fine, scaled.extinction_scale);
-    let mut direct = DirectField::<M>::new(&fine, directions);
-    let (mut power_in, mut direct_out) = (0.0, 0.0);
-    progress.begin("direct light", 1);
-    let (mut rays, mut stopped) = (0u64, false);
     let samples = if settings.samples == 0 { automatic_samples(refine) } else { settings.samples };
-    tracer.rays(light, samples, |ray| {
-        rays += 1;
-        // Asking for every ray would cost as much as a short one.
-        stopped = stopped || rays % 1024 == 0 && progress.interrupted();
-        if stopped {
-            return;
-        }
-        power_in += ray.power;
-        let (_, left) = tracer.trace(ray, &mut direct);
-        direct_out += left;
-    });
-    progress.check()?;
+    let tracer = Tracer::new(&fine, scaled.extinction_scale);
+    let (direct, power) = trace_light::<M>(&tracer, &fine, light, samples, directions, progress)?;
     let volume = fine.cell_volume() as f32;
     let mean = |sum: f32| sum / volume;
     let sources: Vec<[f32; M]> = direct.moments.iter().map(|row| row.map(mean)).collect();
-    let mut leak: Leak = std::array::from_fn(|_| vec![0.0]);
-    let mut moments = Vec::new();
-    let mut buffers = SolveBuffers::default();
-    progress.begin("scattered light", STEPS);
-    let (mut shown, tolerance) = (0, settings.solve.tolerance);
-    let mut watch = |over: f64| {
-        // Residuals fall about as fast in every sweep, on a logarithmic scale.
-        let left = (libm::log(over.max(1.0)) / libm::log(1.0 / tolerance.min(0.5))).clamp(0.0, 1.0);
-        let step = ((1.0 - left) * STEPS as f64) as u64;
-        progress.advance(step.saturating_sub(shown));
-        shown = shown.max(step);
-        !progress.interrupted()
-    };
-    let report =
-        solver.solve_watched::<f32>(&sources, &mut moments, &mut buffers, Some(&mut leak), &mut watch);
-    progress.check()?;
-    let lane = report.lanes[0];
-    if !lane.converged {
-        return Err(BakeError::NotReached {
-            what: "transport solve".into(),
-            wanted: format!("residual {:e}", settings.solve.tolerance),
-            reached: format!("{:e} after {} sweeps", lane.residual, report.sweeps),
-            hint: "a larger --max-sweeps or --tolerance helps".into(),
-        });
-    }
+    let (moments, leak, solved) = solve_scattered(&solver, &sources, settings.solve.tolerance, progress)?;
     let y0 = harmonics([0.0, 0.0, 1.0])[0];
     let absorption = scaled.extinction_scale * (1.0 - scaled.albedo);
     let absorbed: f64 = (0..fine.shape.len())
@@ -260,17 +206,7 @@ where
         })
         .sum();
     let scattered_out: [f64; 6] = std::array::from_fn(|side| leak[side][0]);
-    let out = absorbed + direct_out + scattered_out.iter().sum::<f64>();
-    let energy_balance = if power_in > 0.0 { out / power_in - 1.0 } else { 0.0 };
-    let allowed = BALANCE + 10.0 * tolerance;
-    if energy_balance.is_nan() || energy_balance.abs() > allowed {
-        return Err(BakeError::NotReached {
-            what: "transport solve".into(),
-            wanted: format!("energy in balance within {allowed}"),
-            reached: format!("{energy_balance:e}"),
-            hint: "cells of a periodic grid that are wider than a tenth of their height, or a smaller --tolerance, help".into(),
-        });
-    }
+    let energy_balance = balance(power, absorbed, scattered_out, settings.solve.tolerance)?;
     Ok(Truth {
         cloud: cloud.clone(),
         parent: CoarseIndex::new(fine.shape, factors),
@@ -282,17 +218,148 @@ where
         light,
         refine,
         report: TruthReport {
-            residual: lane.residual,
-            sweeps: report.sweeps,
-            power_in_w: power_in,
+            residual: solved.lanes[0].residual,
+            sweeps: solved.sweeps,
+            power_in_w: power.entered,
             absorbed_w: absorbed,
             scattered_out_w: scattered_out,
-            direct_out_w: direct_out,
+            direct_out_w: power.passed,
             energy_balance,
             deepest_cell: depth,
         },
         fine,
     })
+}
+
+/// The refinement asked for, or the automatic one, and the depth of its deepest sub-cell.
+///
+/// Errors: sub-cells too deep to be solved rightly, or more than memory has room for.
+fn checked_refinement<const M: usize>(
+    cloud: &Cloud,
+    settings: &TruthSettings,
+) -> Result<(u32, f64), BakeError> {
+    let refine = if settings.refine == 0 { automatic_refinement(cloud) } else { settings.refine };
+    let depth = sub_cell_depth(cloud, refine);
+    if settings.refine == 0 && depth > DEEPEST_SUB_CELL {
+        let wanted = format!(
+            "solve cells at most {DEEPEST_SUB_CELL} deep after delta scaling, which takes cells of the scene {:.1} times \
+             smaller; --refine {refine} solves as they are, with fluxes through deep parts too large",
+            depth / DEEPEST_SUB_CELL
+        );
+        return Err(RuntimeError::argument("optical depth of a cell", wanted, format!("{depth:.3}")).into());
+    }
+    let most = MAX_SOLVE_BYTES / (9 * M * size_of::<f32>());
+    let cells = (0..3).try_fold(cloud.shape.len(), |cells, _| cells.checked_mul(refine as usize));
+    if cells.is_none_or(|cells| cells > most) {
+        let found = format!("{} × {refine}³", cloud.shape.len());
+        return Err(RuntimeError::argument("solve grid", format!("at most {most} cells"), found).into());
+    }
+    Ok((refine, depth))
+}
+
+/// Power of direct light, W.
+#[derive(Clone, Copy)]
+struct DirectPower {
+    /// What enters the grid.
+    entered: f64,
+    /// What leaves it without having been scattered.
+    passed: f64,
+}
+
+/// Direct light in every solve cell.
+///
+/// Errors: an interruption.
+fn trace_light<const M: usize>(
+    tracer: &Tracer<'_>,
+    fine: &Cloud,
+    light: Light,
+    samples: u32,
+    directions: &[DVec3],
+    progress: &dyn Progress,
+) -> Result<(DirectField<M>, DirectPower), BakeError> {
+    let mut direct = DirectField::<M>::new(fine, directions);
+    let mut power = DirectPower { entered: 0.0, passed: 0.0 };
+    progress.begin("direct light", 1);
+    let (mut rays, mut stopped) = (0u64, false);
+    tracer.rays(light, samples, |ray| {
+        rays += 1;
+        // Asking for every ray would cost as much as a short one.
+        stopped = stopped || rays % 1024 == 0 && progress.interrupted();
+        if stopped {
+            return;
+        }
+        power.entered += ray.power;
+        let (_, left) = tracer.trace(ray, &mut direct);
+        power.passed += left;
+    });
+    progress.check()?;
+    Ok((direct, power))
+}
+
+/// Moments of scattered light a cell, what leaks through the sides, and how the solve went.
+type Scattered = (Vec<[f32; MAX_HARMONICS]>, Leak, BatchReport);
+
+/// Solves for what `sources` scatter.
+///
+/// Errors: a solve that does not converge, an interruption.
+fn solve_scattered<const M: usize>(
+    solver: &Solver<M>,
+    sources: &[[f32; M]],
+    tolerance: f64,
+    progress: &dyn Progress,
+) -> Result<Scattered, BakeError>
+where
+    f32: Solvable<M>,
+{
+    let mut leak: Leak = std::array::from_fn(|_| vec![0.0]);
+    let mut moments = Vec::new();
+    let mut buffers = SolveBuffers::default();
+    progress.begin("scattered light", STEPS);
+    let mut shown = 0;
+    let mut watch = |over: f64| {
+        // Residuals fall about as fast in every sweep, on a logarithmic scale.
+        let left = (libm::log(over.max(1.0)) / libm::log(1.0 / tolerance.min(0.5))).clamp(0.0, 1.0);
+        let step = ((1.0 - left) * STEPS as f64) as u64;
+        progress.advance(step.saturating_sub(shown));
+        shown = shown.max(step);
+        !progress.interrupted()
+    };
+    let report =
+        solver.solve_watched::<f32>(sources, &mut moments, &mut buffers, Some(&mut leak), &mut watch);
+    progress.check()?;
+    let lane = report.lanes[0];
+    if !lane.converged {
+        return Err(BakeError::NotReached {
+            what: "transport solve".into(),
+            wanted: format!("residual {tolerance:e}"),
+            reached: format!("{:e} after {} sweeps", lane.residual, report.sweeps),
+            hint: "a larger --max-sweeps or --tolerance helps".into(),
+        });
+    }
+    Ok((moments, leak, report))
+}
+
+/// How far what leaves and is absorbed is off what entered, relative to that.
+///
+/// Errors: too far for the tolerance of the solve.
+fn balance(
+    power: DirectPower,
+    absorbed: f64,
+    scattered_out: [f64; 6],
+    tolerance: f64,
+) -> Result<f64, BakeError> {
+    let out = absorbed + power.passed + scattered_out.iter().sum::<f64>();
+    let balance = if power.entered > 0.0 { out / power.entered - 1.0 } else { 0.0 };
+    let allowed = BALANCE + 10.0 * tolerance;
+    if balance.is_nan() || balance.abs() > allowed {
+        return Err(BakeError::NotReached {
+            what: "transport solve".into(),
+            wanted: format!("energy in balance within {allowed}"),
+            reached: format!("{balance:e}"),
+            hint: "cells of a periodic grid that are wider than a tenth of their height, or a smaller --tolerance, help".into(),
+        });
+    }
+    Ok(balance)
 }
 
 /// Steps of the progress that a solve reports.

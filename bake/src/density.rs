@@ -1,9 +1,9 @@
 //! Density tables: streaks per class of drops for every rate and camera, [weber] eq. 5 corrected.
 //!
 //! `solve_counts` is the slow truth: quadrature over the diameters of a class, each with its own distances
-//! and frustum volume. `bake_density` fills the table whose moments replace that, and picks the number of
-//! rate nodes by the error that it measures between them, lookup against solve. How many classes there are is
-//! the recipe's to say, or chosen by [`crate::budget::density`].
+//! and frustum volume. The table's moments replace that; its number of rate nodes is picked by the error that is
+//! measured between them, lookup against solve. How many classes there are is the recipe's to say, or chosen by
+//! [`crate::plan::density`], where tables are baked.
 //!
 //! | symbol | name       | unit        |
 //! | R      | `rate`     | mm/h        |
@@ -13,52 +13,20 @@
 
 mod gauss;
 
-use crate::budget::density::{ChosenTable, choose_classes};
 use crate::error::BakeError;
+pub use crate::recipe::model::DensitySpec;
 use squall_formats::drops::{self, View, paper};
-use squall_formats::section::density::{Class, DensitySection, MOMENTS, Mode, Ranges, Table};
-use squall_formats::units::{Degrees, MetresPerSecond, Millimetres, MillimetresPerHour, Radians, Seconds};
+use squall_formats::section::density::{Class, DensitySection, MOMENTS, Mode, Table};
+use squall_formats::units::{MetresPerSecond, Millimetres, MillimetresPerHour, Radians};
 use squall_runtime::RuntimeError;
 use squall_runtime::density::{check_view, lookup_counts};
 
 pub(crate) use gauss::GaussRule;
 
-/// What a density table is asked to cover, and how well.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DensitySpec {
-    /// Ranges in which the table must hold.
-    pub ranges: Ranges,
-    /// Smallest and largest diameter of the default mode's classes; from 0.1 mm.
-    pub diameter: [Millimetres; 2],
-    /// Number of default classes, 1 to 64, equal in the logarithm of the diameter. Without a say where `class_error` is
-    /// given.
-    pub classes: usize,
-    /// Largest [`crate::budget::density::speed_error`] that the number of classes is chosen by, 0.001 to 0.5.
-    pub class_error: Option<f64>,
-    /// Largest relative error of any class's count, against quadrature.
-    pub relative_error: f64,
-}
-
-impl Default for DensitySpec {
-    /// Rain of 0.1 to 200 mm/h, fov 20 to 140°, exposures of 1 to 33 ms, streaks of 10 to 200 px; 16 classes.
-    fn default() -> Self {
-        Self {
-            ranges: Ranges {
-                rate: [MillimetresPerHour(0.1), MillimetresPerHour(200.0)],
-                vertical_fov: [Degrees(20.0), Degrees(140.0)],
-                exposure: [Seconds(0.001), Seconds(0.033)],
-                length_px: [10.0, 200.0],
-            },
-            diameter: drops::DEFAULT_DIAMETERS,
-            classes: 16,
-            class_error: None,
-            relative_error: 1e-5,
-        }
-    }
-}
-
 /// Rates outside these have no rain in them: Λ⁻¹ leaves the drops' scale and moments leave a double's range.
 const RATE_LIMITS: [f64; 2] = [1e-3, 1e3];
+/// Exposures that a camera has, with room for the round-off of milliseconds.
+const EXPOSURE_LIMITS_MS: [f64; 2] = [0.999e-3, 1000.001];
 /// Diameters outside these are mist, or break up as they fall.
 const DIAMETER_LIMITS: [f64; 2] = [0.1, 12.0];
 /// Lattice cells hold this many drops at most at the table's largest rate: enough that a cell's own cost is
@@ -104,25 +72,6 @@ pub fn solve_counts(
         Mode::Paper => volume(from.0, paper::fall_speed) * paper::drops_per_volume(from, to, rate),
     };
     Ok(classes.iter().map(|&class| count(class)).collect())
-}
-
-/// Fills a density table: the fewest rate nodes whose measured error is within the budget, and as many classes as the budget
-/// for those asks for, where there is one.
-///
-/// Errors: a range that makes no sense, a budget below what round-off allows, or out of reach of any number of classes.
-pub fn bake_density(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
-    Ok(bake_chosen(spec)?.section)
-}
-
-/// [`bake_density`], with the specification as it was carried out: its number of classes is the one in use.
-///
-/// Errors: as [`bake_density`].
-pub fn bake_chosen(spec: &DensitySpec) -> Result<ChosenTable, BakeError> {
-    check_spec(spec)?;
-    match spec.class_error {
-        Some(asked) => choose_classes(spec, asked),
-        None => Ok(ChosenTable { spec: spec.clone(), section: fewest_nodes(spec)?, round: 0 }),
-    }
 }
 
 /// The table of `spec.classes` classes with the fewest nodes within the budget.
@@ -224,30 +173,29 @@ fn drop_negligible(classes: &mut Vec<[Millimetres; 2]>, largest: MillimetresPerH
     }
 }
 
-fn check_spec(spec: &DensitySpec) -> Result<(), BakeError> {
+pub(crate) fn check_spec(spec: &DensitySpec) -> Result<(), BakeError> {
+    let refused = |field, wanted: String, found: String| Err(BakeError::Setting { field, wanted, found });
     let within = |field, [low, high]: [f64; 2], [least, most]: [f64; 2], unit: &str| {
         if least <= low && low < high && high <= most {
             return Ok(());
         }
-        let wanted = format!("low < high within {least} to {most} {unit}");
-        Err(RuntimeError::argument(field, wanted, format!("{low} to {high}")))
+        refused(field, format!("low < high within {least} to {most} {unit}"), format!("{low} to {high}"))
     };
     let ranges = &spec.ranges;
-    within("density.rate", ranges.rate.map(|r| r.0), RATE_LIMITS, "mm/h")?;
-    within("density.fov", ranges.vertical_fov.map(|v| v.0), [1.0, 179.0], "degrees")?;
-    within("density.exposure", ranges.exposure.map(|t| t.0), [1e-6, 1.0], "s")?;
-    within("density.length", ranges.length_px, [1.0, 1e4], "px")?;
-    within("density.diameter", spec.diameter.map(|d| d.0), DIAMETER_LIMITS, "mm")?;
+    within("rain.density.rate_mm_per_h", ranges.rate.map(|r| r.0), RATE_LIMITS, "mm/h")?;
+    within("rain.density.vertical_fov_deg", ranges.vertical_fov.map(|v| v.0), [1.0, 179.0], "degrees")?;
+    within("rain.density.exposure_ms", ranges.exposure.map(|t| t.0 * 1e3), EXPOSURE_LIMITS_MS, "ms")?;
+    within("rain.density.streak_px", ranges.length_px, [1.0, 1e4], "px")?;
+    within("rain.density.diameter_mm", spec.diameter.map(|d| d.0), DIAMETER_LIMITS, "mm")?;
     if !(1..=MOST_CLASSES).contains(&spec.classes) {
-        return Err(RuntimeError::argument("density.classes", "1 to 64", spec.classes).into());
+        return refused("rain.density.classes", format!("1 to {MOST_CLASSES}"), spec.classes.to_string());
     }
     if let Some(found) = spec.class_error.filter(|error| !(1e-3..=0.5).contains(error)) {
-        return Err(RuntimeError::argument("density.class_error", "0.001 to 0.5", found).into());
+        return refused("rain.density.class_error", "0.001 to 0.5".into(), found.to_string());
     }
     // Below, round-off of quadrature and logarithms takes over.
     if !(1e-9..1.0).contains(&spec.relative_error) {
-        let found = spec.relative_error;
-        return Err(RuntimeError::argument("density.relative_error", "1e-9 to 1", found).into());
+        return refused("rain.density.error", "1e-9 to 1".into(), spec.relative_error.to_string());
     }
     Ok(())
 }
@@ -374,6 +322,7 @@ fn measure_error(section: &DensitySection, enough: f64) -> Result<f64, BakeError
 #[cfg(test)]
 mod tests {
     use super::*;
+    use squall_formats::units::{Degrees, Seconds};
 
     fn view(fov: f64, exposure_ms: f64, min_px: f64) -> View {
         View {
@@ -416,27 +365,10 @@ mod tests {
     }
 
     #[test]
-    fn a_loose_budget_takes_few_nodes_and_a_tight_one_more_and_both_hold() {
-        let bake =
-            |relative_error| bake_density(&DensitySpec { relative_error, ..Default::default() }).unwrap();
-        let [loose, tight] = [5e-3, 1e-7].map(bake);
-        assert!(loose.rates.len() < tight.rates.len());
-        for section in [loose, tight] {
-            assert!(section.measured_error <= section.asked_error);
-            let read = DensitySection::read(&section.write(), 1, &Default::default()).unwrap();
-            assert_eq!(read, section);
-        }
-    }
-
-    #[test]
-    fn classes_down_to_mist_have_positive_speeds_and_hold_their_budget() {
-        let diameter = [Millimetres(0.1), Millimetres(10.0)];
-        for classes in [1, 8] {
-            let spec = DensitySpec { diameter, classes, ..Default::default() };
-            let section = bake_density(&spec).unwrap();
-            assert!(section.table(Mode::Default).classes.iter().all(|class| class.fall_speed.0 > 0.0));
-            DensitySection::read(&section.write(), 1, &Default::default()).unwrap();
-        }
+    fn a_rate_that_is_no_number_is_refused() {
+        let classes = classes_of(&DensitySpec::default(), Mode::Default);
+        let nan = MillimetresPerHour(f64::NAN);
+        assert!(solve_counts(Mode::Default, &classes, &view(60.0, 20.0, 30.0), nan).is_err());
     }
 
     #[test]
@@ -467,29 +399,5 @@ mod tests {
                 );
             }
         }
-    }
-
-    #[test]
-    fn an_unreachable_budget_or_a_senseless_range_is_refused() {
-        let spec = DensitySpec { relative_error: 1e-17, ..Default::default() };
-        assert!(bake_density(&spec).unwrap_err().to_string().contains("relative_error"));
-        let mut spec = DensitySpec::default();
-        spec.ranges.rate[0].0 = 300.0;
-        assert!(bake_density(&spec).unwrap_err().to_string().contains("density.rate"));
-        let spec = DensitySpec { classes: 0, ..Default::default() };
-        assert!(bake_density(&spec).is_err());
-        for class_error in [0.0, 0.6, f64::NAN].map(Some) {
-            let spec = DensitySpec { class_error, ..Default::default() };
-            assert!(bake_density(&spec).unwrap_err().to_string().contains("density.class_error"));
-        }
-        let classes = classes_of(&DensitySpec::default(), Mode::Default);
-        let nan = MillimetresPerHour(f64::NAN);
-        assert!(solve_counts(Mode::Default, &classes, &view(60.0, 20.0, 30.0), nan).is_err());
-    }
-
-    #[test]
-    fn baking_twice_gives_the_same_bytes() {
-        let bytes = || bake_density(&DensitySpec::default()).unwrap().write();
-        assert_eq!(bytes(), bytes());
     }
 }

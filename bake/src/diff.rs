@@ -3,7 +3,9 @@
 //! A part's distance is its own error measure, with the second asset in the place of the truth.
 
 use crate::error::BakeError;
-use crate::response::evaluate::{ViewFactors, Views, test_strokes};
+use crate::evaluate::held_out::grown_strokes;
+use crate::evaluate::views::{ViewFactors, Views};
+use crate::evaluate::{relative_l2, root_mean_square};
 use crate::streak::{draw, quality};
 use serde::Serialize;
 use squall_formats::Tag;
@@ -202,16 +204,7 @@ fn compare_grids(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), Bak
         found.cannot(CloudSection::TAG, format!("{:?} beside {:?}", x.head.shape, r.head.shape));
         return Ok(());
     }
-    let (mut square, mut size) = (0.0, 0.0);
-    for (&x, &r) in x.extinction.iter().zip(r.extinction) {
-        square += f64::from(x - r) * f64::from(x - r);
-        size += f64::from(r) * f64::from(r);
-    }
-    let l2 = match (square, size) {
-        (0.0, _) => 0.0,
-        (_, 0.0) => f64::INFINITY,
-        _ => libm::sqrt(square / size),
-    };
+    let l2 = relative_l2(&x.extinction, &r.extinction);
     found.measured(CloudSection::TAG, "extinction, relative L2", l2);
     if x.head != r.head {
         found.cannot(CloudSection::TAG, format!("other optics or place: {:?} beside {:?}", x.head, r.head));
@@ -253,37 +246,37 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         let usable = |point| x.reaches(point) && r.reaches(point);
         let [low, high] = x.reach();
         let spacing = (high - low).max_element() / 40.0;
-        strokes = test_strokes(x.cloud(), x.reach(), usable, spacing, 0..STROKES);
+        strokes = grown_strokes(x.cloud(), x.reach(), usable, spacing, 0..STROKES);
     }
     if strokes.is_empty() {
         found.cannot(tag, "no stroke that both reach");
         return Ok(());
     }
-    let (mut square, mut tail, mut median) = (0.0, 0.0f64, 0.0f64);
+    let (mut each, mut tail, mut median) = (Vec::new(), 0.0f64, 0.0f64);
     for lights in &strokes {
         let light = |relighter: &Relighter<'_>, factors: &ViewFactors| -> Result<Vec<f32>, BakeError> {
             let mut buffers = RelightBuffers::default();
             Ok(views.light(&relighter.relight(lights, RelightOptions::default(), &mut buffers)?, factors))
         };
         let error = views.compare(&light(&x, &factors[0])?, &light(&r, &factors[1])?);
-        square += error.l2 * error.l2;
+        each.push(error.l2);
         tail = tail.max(error.tail);
         median = median.max(error.median);
     }
-    let l2 = libm::sqrt(square / strokes.len() as f64);
+    let l2 = root_mean_square(each);
     found.measured(tag, format!("relit light of {} strokes, relative L2", strokes.len()), l2);
     found.measured(tag, "relit light, 99.9th percentile over the peak, worst stroke", tail);
     found.measured(tag, "relit light, median pointwise, worst stroke", median);
     Ok(())
 }
 
-/// Views of the cells that both assets know, in the 26 directions or towards eyes in the boxes of either. Where they differ in either,
+/// Views of the cells that both assets know, in the 26 directions or towards viewpoints in the view regions of either. Where they differ in either,
 /// that is said; `None` where nothing is left to compare.
 fn common_views(x: &Relighter<'_>, r: &Relighter<'_>, found: &mut Difference) -> Option<Views> {
     let tag = ResponseSection::TAG;
     let words = |view_region: Option<&ViewRegion>| match view_region {
-        Some(ViewRegion { low_m, high_m }) => format!("eyes between {low_m:?} and {high_m:?} m"),
-        None => "eyes anywhere".to_owned(),
+        Some(ViewRegion { low_m, high_m }) => format!("viewpoints between {low_m:?} and {high_m:?} m"),
+        None => "viewpoints anywhere".to_owned(),
     };
     let view_region = match (x.view_region(), r.view_region()) {
         (Some(x), Some(r)) => Some(ViewRegion {
@@ -298,7 +291,7 @@ fn common_views(x: &Relighter<'_>, r: &Relighter<'_>, found: &mut Difference) ->
     if view_region
         .is_some_and(|view_region| (0..3).any(|axis| view_region.low_m[axis] > view_region.high_m[axis]))
     {
-        found.cannot(tag, "boxes of eyes that do not meet");
+        found.cannot(tag, "view regions that do not meet");
         return None;
     }
     let [known_x, known_r] = [x.known_cells(), r.known_cells()];

@@ -3,6 +3,7 @@
 use squall_formats::ReadError;
 use squall_runtime::RuntimeError;
 use squall_runtime::transport::ArgumentError;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Why a bake, a solve or a picture did not come about.
@@ -22,7 +23,7 @@ pub enum BakeError {
     },
     /// A place in a recipe that is wrong.
     #[error(transparent)]
-    Recipe(#[from] Box<crate::recipe::RecipeError>),
+    Recipe(#[from] Box<RecipeError>),
     /// The system refused to read or write.
     #[error("{}: cannot {action}: {source}", file.display())]
     Io {
@@ -48,9 +49,6 @@ pub enum BakeError {
         /// What would help.
         hint: String,
     },
-    /// A check whose answer is no: damaged, different, above its bound.
-    #[error("{0}")]
-    Failed(String),
     /// Measured figures above what was allowed, or not measured.
     #[error("{asset}: {}", found.join("; "))]
     OverLimit {
@@ -59,10 +57,78 @@ pub enum BakeError {
         /// Each figure with its bound, in words.
         found: Vec<String>,
     },
+    /// A setting of a computation that is out of range, named as the recipe names it.
+    #[error("{field}: wanted {wanted}, found {found}")]
+    Setting {
+        /// Its key.
+        field: &'static str,
+        /// What is accepted there.
+        wanted: String,
+        /// What it is.
+        found: String,
+    },
+    /// A check found an asset damaged.
+    #[error(transparent)]
+    Damaged(RuntimeError),
+    /// A check found two files different.
+    #[error("{} and {}: {what}", a.display(), b.display())]
+    Different {
+        /// The one.
+        a: PathBuf,
+        /// The other.
+        b: PathBuf,
+        /// In what they differ.
+        what: String,
+    },
+    /// A light that was to be drawn left no picture.
+    #[error("no picture was drawn")]
+    NoPicture,
     /// Ctrl-C or a termination signal.
     #[error("interrupted; nothing was written")]
     Interrupted,
 }
+
+/// What is wrong at one place of a recipe.
+#[derive(Clone, Debug)]
+pub struct RecipeError {
+    /// The recipe.
+    pub file: Box<Path>,
+    /// Its whole text.
+    pub text: Box<str>,
+    /// Bytes of the text that are meant.
+    pub span: Range<usize>,
+    /// Which key.
+    pub field: String,
+    /// What is accepted.
+    pub wanted: String,
+    /// What stands there.
+    pub found: String,
+}
+
+impl RecipeError {
+    /// Line and column of the place, counted from 1; columns in characters.
+    pub fn line_and_column(&self) -> (usize, usize) {
+        let before = &self.text[..self.floor(self.span.start)];
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+
+    /// The start of the character that byte `at` lies in.
+    fn floor(&self, at: usize) -> usize {
+        let at = at.min(self.text.len());
+        (0..=at).rev().find(|&i| self.text.is_char_boundary(i)).unwrap_or(0)
+    }
+}
+
+impl std::fmt::Display for RecipeError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (line, column) = self.line_and_column();
+        let (file, field) = (self.file.display(), &self.field);
+        write!(f, "{file}:{line}:{column}: {field}: wanted {}, found {}", self.wanted, self.found)
+    }
+}
+
+impl std::error::Error for RecipeError {}
 
 /// Exit code of the command for what the runtime refused: 3 bad input, 4 the system.
 pub fn runtime_exit_code(error: &RuntimeError) -> u8 {
@@ -86,8 +152,8 @@ impl From<ArgumentError> for BakeError {
     }
 }
 
-impl From<crate::recipe::RecipeError> for BakeError {
-    fn from(error: crate::recipe::RecipeError) -> Self {
+impl From<RecipeError> for BakeError {
+    fn from(error: RecipeError) -> Self {
         Self::Recipe(Box::new(error))
     }
 }
@@ -96,8 +162,12 @@ impl BakeError {
     /// Exit code of the command for this error: 1 a check failed, 3 bad input, 4 the system, 130 interrupted.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Failed(_) | Self::NotReached { .. } | Self::OverLimit { .. } => 1,
-            Self::Input { .. } | Self::Recipe(_) => 3,
+            Self::Damaged(_)
+            | Self::Different { .. }
+            | Self::NoPicture
+            | Self::NotReached { .. }
+            | Self::OverLimit { .. } => 1,
+            Self::Input { .. } | Self::Recipe(_) | Self::Setting { .. } => 3,
             Self::Asset(error) => runtime_exit_code(error),
             Self::Io { source, .. } => io_exit_code(source),
             Self::Interrupted => 130,

@@ -8,9 +8,9 @@
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
 use crate::memory::{Limit, require_bake};
+use crate::plan::lights::Site;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::BATCH;
-use crate::storm::clouds::{place_lights, reach_of, strokes_for};
 use serde::Serialize;
 use squall_formats::section::response::DirectTerm;
 use squall_runtime::transport::Cloud;
@@ -103,25 +103,20 @@ pub fn estimate(recipe: &Recipe) -> Result<Estimate, BakeError> {
 
 fn work(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<CloudWork, BakeError> {
     let settings = &clouds.response;
-    let [low, high] = reach_of(recipe, clouds, cloud);
-    let spacing_m = match clouds.lights.spacing_m {
-        0.0 => (high - low).max_element() / 12.0,
-        stated => stated,
-    };
-    let lights = place_lights(recipe, clouds, cloud, spacing_m)?;
-    let strokes = strokes_for(recipe, clouds, cloud, &lights, spacing_m, 0..clouds.test_strokes as usize);
+    let site = Site::new(recipe, clouds, cloud);
+    let (lights, strokes) = site.held_out(site.usual_spacing_m(), 0)?;
     Ok(CloudWork {
         cells: cloud.shape.to_array().map(|count| count as u32),
         solve_cells: cloud.shape.len() as u64 * u64::from(settings.refine).pow(3),
         directions: settings.solve.quadrature.ordinates()?.len(),
         light_grid: [lights.x_m.len(), lights.y_m.len(), lights.z_m.len()],
-        virtual_lights: (0..lights.len()).filter(|&node| lights.is_wanted(node)).count(),
+        virtual_lights: lights.wanted_count(),
         distant: clouds.distant.len(),
         coefficients: settings.channels.count(),
         held_out_strokes: strokes.len(),
         held_out_points: strokes.iter().map(Vec::len).sum(),
         sweeps: sweeps(clouds, cloud),
-        chosen_by_budget: clouds.budget.judges(),
+        chosen_by_budget: clouds.budget.needs_held_out(),
     })
 }
 

@@ -5,9 +5,9 @@
 
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
+use crate::plan::lights::Site;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::BATCH;
-use crate::storm::clouds::place_lights;
 use squall_formats::section::response::DirectTerm;
 use squall_formats::sphere::MAX_HARMONICS;
 use squall_runtime::transport::Cloud;
@@ -99,7 +99,7 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
     let of_cell = towards * lanes + harmonics + 3 * channels;
     let thread = fine.saturating_mul((of_fine + towards) * VALUE).saturating_add(cells * of_cell * VALUE);
     // A judged stroke: its truth and its direct part in all directions, and its rows' sum.
-    let strokes = u64::from(clouds.test_strokes);
+    let strokes = u64::from(clouds.held_out_strokes);
     let stroke = cells * (2 * DIRECTIONS + 1 + channels) * VALUE;
     // Rows are held as they are coded, as a section and once more as an asset to judge.
     let coded = 3.0 * CODED * rows as f64 * channels as f64 * cells as f64;
@@ -131,7 +131,9 @@ pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Optio
 
 fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeError> {
     if clouds.lights.spacing_m > 0.0 {
-        return Ok(place_lights(recipe, clouds, cloud, clouds.lights.spacing_m)?.wanted_count() as u64);
+        return Ok(
+            Site::new(recipe, clouds, cloud).place_lights(clouds.lights.spacing_m)?.wanted_count() as u64
+        );
     }
     // As many as a spacing of a twelfth of the longest side makes of a cube.
     Ok(13u64.pow(3))

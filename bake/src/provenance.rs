@@ -1,9 +1,12 @@
 //! What an asset is made from: the tool, the recipe and every input, with hashes; and whether an asset still is what those make.
 
 use crate::error::BakeError;
+use crate::input::Fingerprint;
 use crate::recipe::Recipe;
 use squall_formats::section::provenance::{InputRecord, ProvenanceSection};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// Name and version of this tool, as assets keep it.
@@ -16,23 +19,42 @@ pub fn recipe_hash(recipe: &Recipe) -> [u8; 32] {
     *blake3::hash(recipe.text.as_bytes()).as_bytes()
 }
 
-/// A file's length and hash under the name that the recipe gives it.
-///
-/// Errors: a file that cannot be read.
-pub fn input_record(recipe: &Recipe, path: &Path) -> Result<InputRecord, BakeError> {
-    let bytes = std::fs::read(path).map_err(BakeError::io(path, "read"))?;
+/// A file, as it was when it was read, under the name that the recipe gives it.
+pub fn input_record(recipe: &Recipe, input: &Fingerprint) -> InputRecord {
     let folder = recipe.file.parent().unwrap_or(Path::new(""));
-    let name = path.strip_prefix(folder).unwrap_or(path).display().to_string();
-    Ok(InputRecord { name, bytes: bytes.len() as u64, hash: *blake3::hash(&bytes).as_bytes() })
+    let name = input.path.strip_prefix(folder).unwrap_or(&input.path).display().to_string();
+    InputRecord { name, bytes: input.bytes, hash: input.hash }
 }
 
 /// Every file that the recipe names, as it is now; the recipe itself is not among them.
 ///
-/// Errors: a file that cannot be read, or a scene that is none.
+/// Errors: a file that cannot be read, a pipe or a device, which cannot be read twice.
 pub fn input_records(recipe: &Recipe) -> Result<Vec<InputRecord>, BakeError> {
     let files = recipe.inputs()?;
     let named = files.iter().filter(|path| **path != recipe.file);
-    named.map(|path| input_record(recipe, path)).collect()
+    named.map(|path| Ok(input_record(recipe, &fingerprint(path)?))).collect()
+}
+
+fn fingerprint(path: &Path) -> Result<Fingerprint, BakeError> {
+    let mut file = File::open(path).map_err(BakeError::io(path, "open"))?;
+    if !file.metadata().map_err(BakeError::io(path, "read"))?.is_file() {
+        return Err(BakeError::input(
+            path,
+            "input",
+            "a file, which can be read twice",
+            "a folder, pipe or device",
+        ));
+    }
+    let (mut hasher, mut buffer, mut bytes) = (blake3::Hasher::new(), vec![0; 1 << 20], 0);
+    loop {
+        let read = file.read(&mut buffer).map_err(BakeError::io(path, "read"))?;
+        if read == 0 {
+            break;
+        }
+        hasher.update(&buffer[..read]);
+        bytes += read as u64;
+    }
+    Ok(Fingerprint { path: path.to_owned(), bytes, hash: *hasher.finalize().as_bytes() })
 }
 
 /// In what the asset that has this provenance differs from what a bake would read now, in words; nothing where it does not, so that a

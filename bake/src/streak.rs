@@ -8,9 +8,11 @@
 //! | edges (the default) | free | four soft edges that bend, in the fit |
 //! | separable | – | – (two products of tables) |
 //!
+//! The four that fit window and terms together never fit worse with more terms: [`joint`].
 //! Every figure is measured on the rounded numbers that an asset stores.
 
 pub mod fourier;
+pub mod joint;
 pub mod preview;
 pub mod quality;
 pub mod refine;
@@ -20,30 +22,15 @@ pub mod window;
 
 use crate::error::BakeError;
 pub use crate::input::picture::Grey;
+pub use crate::recipe::model::FitSettings;
+use joint::Ladder;
 use rayon::prelude::*;
-use refine::{Free, Model, Samples};
-use search::Effort;
 pub use squall_formats::section::streak::Method;
 use squall_formats::section::streak::{
-    Body, CosinePattern, DropNotes, MAX_NAME, MAX_SIDE, MAX_TERMS, Pattern, StreakPattern,
+    Body, DropNotes, MAX_NAME, MAX_SIDE, MAX_TERMS, Pattern, StreakPattern,
 };
 use std::path::Path;
-use window::{Extent, Shape};
-
-/// What a fit is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FitSettings {
-    /// How to fit.
-    pub method: Method,
-    /// Oscillating terms, 0 to [`MAX_TERMS`]; the constant and the window come on top.
-    pub cosines: usize,
-}
-
-impl Default for FitSettings {
-    fn default() -> Self {
-        Self { method: Method::Edges, cosines: 6 }
-    }
-}
+use window::Shape;
 
 /// A picture to be fitted, and what is known of it.
 pub struct Source<'a> {
@@ -62,13 +49,6 @@ const DARK: f32 = 0.05;
 const BODY_SHARE: f32 = 0.1;
 /// The same for the fit's own region, which may not cut a glow.
 const BLACK: f32 = 0.002;
-/// Most samples that a fit ends on, and that it searches on; larger regions are averaged down first.
-/// Steps of the last refinement, and the relative gain below which it stops.
-const FINAL_STEPS: usize = 60;
-const FINE: f64 = 1e-5;
-const MAX_SAMPLES: usize = 1 << 15;
-const SEARCH_SAMPLES: usize = 1 << 12;
-
 /// Fits every source, each on one thread; the result does not depend on how many there are.
 pub fn fit_all(sources: &[Source], settings: FitSettings) -> Result<Vec<StreakPattern>, BakeError> {
     sources.par_iter().map(|source| fit(source, settings)).collect()
@@ -79,22 +59,110 @@ const PEAKS: std::ops::RangeInclusive<f32> = 0.25..=4.0;
 
 /// Fits one picture.
 ///
-/// Errors: a peak that is far from 1, more than [`MAX_TERMS`] terms asked for, a picture longer than [`MAX_SIDE`] on a side, one without
-/// light or with light that is negative or not finite.
+/// Errors: as [`Fitter::new`] and [`Fitter::fit`].
 pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, BakeError> {
-    let picture = source.picture;
-    if settings.cosines > MAX_TERMS {
-        let wanted = format!("0 to {MAX_TERMS}");
-        return Err(BakeError::input(source.file, "cosines", wanted, settings.cosines));
+    Fitter::new(source, settings.method)?.fit(settings.cosines)
+}
+
+/// Fits of one picture by one method with several numbers of terms: what one fit finds serves the next.
+pub struct Fitter<'a> {
+    source: &'a Source<'a>,
+    method: Method,
+    /// For methods that fit window and terms together.
+    ladder: Option<Ladder<'a>>,
+}
+
+impl<'a> Fitter<'a> {
+    /// A fitter for `source`.
+    ///
+    /// Errors: a peak that is far from 1, a picture longer than [`MAX_SIDE`] on a side, one without light or with light
+    /// that is negative or not finite.
+    pub fn new(source: &'a Source<'a>, method: Method) -> Result<Self, BakeError> {
+        check(source)?;
+        let ladder = |shape: Shape, frequencies: bool| Some(Ladder::new(source.picture, shape, frequencies));
+        let ladder = match method {
+            Method::Paper | Method::Fourier | Method::Separable => None,
+            Method::Windowed => ladder(Shape::Gaussian, false),
+            Method::OffGrid => ladder(Shape::Gaussian, true),
+            Method::Super => ladder(Shape::Super, true),
+            Method::Edges => ladder(Shape::Edges, true),
+        };
+        Ok(Self { source, method, ladder })
     }
+
+    /// The pattern with at most `cosines` oscillating terms; fewer where more would not come closer. The result does not
+    /// depend on what was fitted before.
+    ///
+    /// Errors: more than [`MAX_TERMS`] terms.
+    pub fn fit(&mut self, cosines: usize) -> Result<StreakPattern, BakeError> {
+        if cosines > MAX_TERMS {
+            let wanted = format!("0 to {MAX_TERMS}");
+            return Err(BakeError::input(self.source.file, "cosines", wanted, cosines));
+        }
+        let picture = self.source.picture;
+        let pattern = match self.method {
+            Method::Paper => Pattern::Cosines(fourier::strongest_windowed(picture, cosines)),
+            Method::Separable => Pattern::Separable(tables::fit_tables(picture)),
+            _ => match &mut self.ladder {
+                Some(ladder) => ladder.pattern(cosines),
+                None => Pattern::Cosines(fourier::strongest(picture, cosines)),
+            },
+        };
+        let mut streak = self.stored(pattern);
+        // A window has to be found before anything can be fitted under it; where that went wrong, the picture's mean is
+        // nearer than the window alone, and its transform may serve better.
+        if self.ladder.as_ref().is_some_and(|ladder| ladder.first_db() < self.blank_db()) {
+            let transform = self.stored(Pattern::Cosines(fourier::strongest(picture, cosines)));
+            if transform.psnr_db > streak.psnr_db || streak.psnr_db < self.blank_db() {
+                streak = transform;
+            }
+        }
+        let drawn = draw(&streak.pattern, picture.width, picture.height);
+        streak.mean = integral(&streak.pattern) / (streak.body.width() * streak.body.length());
+        streak.ssim = quality::ssim(picture, &drawn);
+        Ok(streak.quantised())
+    }
+
+    /// PSNR of the picture's mean, dB.
+    fn blank_db(&self) -> f64 {
+        let picture = self.source.picture;
+        let flat = fourier::strongest(picture, 0).constant as f32;
+        let blank = Grey { pixels: vec![flat; picture.pixels.len()], ..*picture };
+        quality::psnr_db(picture, &blank)
+    }
+
+    /// The pattern as an asset stores it, with its PSNR.
+    fn stored(&self, pattern: Pattern) -> StreakPattern {
+        let Source { file, picture, notes } = *self.source;
+        let mut name = file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+        while name.len() > MAX_NAME {
+            name.pop();
+        }
+        let streak = StreakPattern {
+            name,
+            method: self.method,
+            size_px: [picture.width as u16, picture.height as u16],
+            body: body(picture),
+            mean: 0.0,
+            psnr_db: 0.0,
+            ssim: 0.0,
+            notes,
+            pattern,
+        };
+        let mut streak = streak.quantised();
+        let drawn = draw(&streak.pattern, picture.width, picture.height);
+        streak.psnr_db = quality::psnr_db(picture, &drawn);
+        streak
+    }
+}
+
+/// Refuses a picture that no fit can take.
+fn check(source: &Source) -> Result<(), BakeError> {
+    let picture = source.picture;
     if picture.width.max(picture.height) > MAX_SIDE {
         let found = format!("{} × {}", picture.width, picture.height);
-        return Err(BakeError::input(
-            source.file,
-            "picture size",
-            format!("sides up to {MAX_SIDE} px"),
-            found,
-        ));
+        let wanted = format!("sides up to {MAX_SIDE} px");
+        return Err(BakeError::input(source.file, "picture size", wanted, found));
     }
     let whole = !picture.pixels.is_empty() && picture.pixels.len() == picture.width * picture.height;
     let light = |light: &f32| light.is_finite() && *light >= 0.0;
@@ -106,51 +174,7 @@ pub fn fit(source: &Source, settings: FitSettings) -> Result<StreakPattern, Bake
     if !PEAKS.contains(&peak) {
         return Err(BakeError::input(source.file, "picture", "light scaled to a peak of 1", peak));
     }
-    let mut name =
-        source.file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    while name.len() > MAX_NAME {
-        name.pop();
-    }
-    let mut streak = StreakPattern {
-        name,
-        method: settings.method,
-        size_px: [picture.width as u16, picture.height as u16],
-        body: body(picture),
-        mean: 0.0,
-        psnr_db: 0.0,
-        ssim: 0.0,
-        notes: source.notes,
-        pattern: Pattern::Separable(tables::fit_tables(&Grey { width: 1, height: 1, pixels: vec![0.0] })),
-    };
-    let joint = |shape: Shape, frequencies: bool| {
-        let [coarse, fine] = [SEARCH_SAMPLES, MAX_SAMPLES].map(|most| sample(picture, most));
-        fit_joint(&coarse, &fine, shape, settings.cosines, frequencies)
-    };
-    streak.pattern = match settings.method {
-        Method::Paper => Pattern::Cosines(fourier::strongest_windowed(picture, settings.cosines)),
-        Method::Fourier => Pattern::Cosines(fourier::strongest(picture, settings.cosines)),
-        Method::Windowed => joint(Shape::Gaussian, false),
-        Method::OffGrid => joint(Shape::Gaussian, true),
-        Method::Super => joint(Shape::Super, true),
-        Method::Edges => joint(Shape::Edges, true),
-        Method::Separable => Pattern::Separable(tables::fit_tables(picture)),
-    };
-    streak = streak.quantised();
-    let mut drawn = draw(&streak.pattern, picture.width, picture.height);
-    // A window has to be found before anything can be fitted under it; where that went wrong, the picture's mean would be
-    // nearer than the fit, and its transform serves.
-    let flat = fourier::strongest(picture, 0).constant as f32;
-    let blank = Grey { pixels: vec![flat; picture.pixels.len()], ..*picture };
-    let joint = !matches!(settings.method, Method::Paper | Method::Fourier | Method::Separable);
-    if joint && quality::psnr_db(picture, &drawn) < quality::psnr_db(picture, &blank) {
-        streak.pattern = Pattern::Cosines(fourier::strongest(picture, settings.cosines));
-        streak = streak.quantised();
-        drawn = draw(&streak.pattern, picture.width, picture.height);
-    }
-    streak.mean = integral(&streak.pattern) / (streak.body.width() * streak.body.length());
-    streak.psnr_db = quality::psnr_db(picture, &drawn);
-    streak.ssim = quality::ssim(picture, &drawn);
-    Ok(streak.quantised())
+    Ok(())
 }
 
 /// The pattern's values at the centres of a picture's pixels.
@@ -217,95 +241,6 @@ fn body_floor(picture: &Grey) -> f32 {
     let lit = picture.pixels.iter().copied().filter(|&light| light > BLACK).collect();
     let border = (0..width * height).filter(|&i| at_border(i)).map(|i| picture.pixels[i]).collect();
     (BODY_SHARE * median(lit)).max(2.0 * median(border)).clamp(BLACK, DARK)
-}
-
-/// The part of the picture that a fit must see, averaged down if it is large.
-fn sample(picture: &Grey, most: usize) -> Samples {
-    let sides = [picture.width, picture.height];
-    let ends = support(picture, BLACK);
-    // A margin of background keeps the window from leaking past the light.
-    let bounds = [0, 1].map(|axis| {
-        let margin = 2 + sides[axis] / 16;
-        let low = (ends[axis][0] * sides[axis] as f64).round() as usize;
-        let high = (ends[axis][1] * sides[axis] as f64).round() as usize;
-        (low.saturating_sub(margin), (high + margin).min(sides[axis]))
-    });
-    let mut cells = bounds.map(|(low, high)| high - low);
-    while cells[0] * cells[1] > most {
-        let longer = usize::from(cells[1] > cells[0]);
-        cells[longer] = cells[longer].div_ceil(2);
-    }
-    let edges = [0, 1].map(|axis| {
-        let (low, high) = bounds[axis];
-        (0..=cells[axis]).map(|i| low + i * (high - low) / cells[axis]).collect::<Vec<usize>>()
-    });
-    let axes = [0, 1].map(|axis| {
-        let middle = |pair: &[usize]| 0.5 * (pair[0] + pair[1]) as f64 / sides[axis] as f64;
-        edges[axis].windows(2).map(middle).collect::<Vec<f64>>()
-    });
-    let mut light = Vec::with_capacity(cells[0] * cells[1]);
-    for rows in edges[1].windows(2) {
-        for columns in edges[0].windows(2) {
-            let mut sum = 0.0;
-            for y in rows[0]..rows[1] {
-                let row = &picture.pixels[y * picture.width..][..picture.width];
-                sum += row[columns[0]..columns[1]].iter().map(|&light| f64::from(light)).sum::<f64>();
-            }
-            light.push(sum / ((rows[1] - rows[0]) * (columns[1] - columns[0])) as f64);
-        }
-    }
-    let extent = Extent { ends: support(picture, DARK), size: sides.map(|side| side as f64) };
-    Samples { axes, light, extent }
-}
-
-/// Window, constant and terms together, rounded in stages: what is rounded first is made up for by what is
-/// still free.
-fn fit_joint(coarse: &Samples, fine: &Samples, shape: Shape, cosines: usize, frequencies: bool) -> Pattern {
-    let mut model =
-        Model { shape, window: shape.start(&fine.extent), constant: 0.5, waves: Vec::with_capacity(cosines) };
-    let free = Free { frequencies, ..Free::ALL };
-    let effort = match cosines {
-        0..=6 => Effort { peaks: 3, steps: 8, rounds: 2 },
-        7..=12 => Effort { peaks: 3, steps: 8, rounds: 1 },
-        _ => Effort { peaks: 1, steps: 6, rounds: 0 },
-    };
-    search::grow(&mut model, coarse, cosines, free, effort);
-    refine::refine(&mut model, fine, free, FINAL_STEPS, FINE);
-    Pattern::Cosines(round_in_stages(model, fine))
-}
-
-fn round_in_stages(mut model: Model, samples: &Samples) -> CosinePattern {
-    let rounded = |model: &Model| {
-        let streak = StreakPattern {
-            name: String::new(),
-            method: Method::Edges,
-            size_px: [1, 1],
-            body: Body::WHOLE,
-            mean: 0.0,
-            psnr_db: 0.0,
-            ssim: 0.0,
-            notes: None,
-            pattern: Pattern::Cosines(model.pattern()),
-        };
-        match streak.quantised().pattern {
-            Pattern::Cosines(pattern) => pattern,
-            Pattern::Separable(_) => model.pattern(),
-        }
-    };
-    const POLISH: usize = 4;
-    for stage in
-        [Free { window: false, ..Free::ALL }, Free { window: false, frequencies: false, first_term: 0 }]
-    {
-        let stored = rounded(&model);
-        if let Some(stored) = Model::from_pattern(&stored) {
-            model.window = stored.window;
-            if !stage.frequencies {
-                model.waves = stored.waves;
-            }
-        }
-        refine::refine(&mut model, samples, stage, POLISH, 1e-6);
-    }
-    rounded(&model)
 }
 
 #[cfg(test)]

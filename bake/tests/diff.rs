@@ -3,7 +3,7 @@
 use assert_cmd::Command;
 use serde_json::Value;
 use squall_bake::recipe::Recipe;
-use squall_bake::{progress::Quiet, storm};
+use squall_bake::{pipeline, progress::Quiet};
 use squall_formats::container::{OutSection, write};
 use squall_formats::section::bolt::BoltSection;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ fn bake(error: f64) -> Vec<OutSection> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/golden/v1/golden.toml");
     let mut recipe = Recipe::read(&path).unwrap();
     recipe.clouds.as_mut().unwrap().response.relative_error = error;
-    storm::bake(&recipe, &Quiet).unwrap().sections
+    pipeline::bake(&recipe, &Quiet).unwrap().sections
 }
 
 fn fine() -> &'static [OutSection] {

@@ -3,7 +3,7 @@
 use assert_cmd::Command;
 use serde_json::Value;
 use squall_bake::recipe::Recipe;
-use squall_bake::{progress::Quiet, storm};
+use squall_bake::{pipeline, progress::Quiet};
 use squall_formats::Tag;
 use squall_formats::container::{Directory, OutSection, checksum, write};
 use squall_formats::section::bolt::BoltSection;
@@ -17,7 +17,7 @@ fn recipe() -> PathBuf {
 /// A small asset with a section of every kind that the golden recipe has.
 fn baked() -> &'static [OutSection] {
     static BAKED: OnceLock<Vec<OutSection>> = OnceLock::new();
-    BAKED.get_or_init(|| storm::bake(&Recipe::read(&recipe()).unwrap(), &Quiet).unwrap().sections)
+    BAKED.get_or_init(|| pipeline::bake(&Recipe::read(&recipe()).unwrap(), &Quiet).unwrap().sections)
 }
 
 fn asset(sections: &[OutSection]) -> Vec<u8> {

@@ -2,7 +2,8 @@
 
 use assert_cmd::Command;
 use serde_json::Value;
-use squall_bake::density::{DensitySpec, bake_density};
+use squall_bake::density::DensitySpec;
+use squall_bake::plan::density::bake_density;
 use squall_formats::Tag;
 use squall_formats::container::{Directory, OutSection, write};
 use squall_formats::section::density::DensitySection;

@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 use squall_bake::cloud::{TruthSettings, solve_light};
 use squall_bake::fields::{Fields, orthographic};
 use squall_bake::input::scene::{Optics, read_scene};
+use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::storm;
 use squall_formats::Tag;
 use squall_formats::container::{self, Directory};
 use squall_runtime::transport::direct::Light;
@@ -67,7 +67,7 @@ fn baked() -> &'static Baked {
             );
             std::fs::write(baked.path("recipe.toml"), recipe).unwrap();
             let recipe = Recipe::read(&baked.path("recipe.toml")).unwrap();
-            let sections = storm::bake(&recipe, &Quiet).unwrap().sections;
+            let sections = pipeline::bake(&recipe, &Quiet).unwrap().sections;
             let path = baked.path(&format!("{name}.squall"));
             container::write(&mut std::fs::File::create(path).unwrap(), &sections).unwrap();
         }

@@ -176,8 +176,8 @@ impl Directory {
         let total = bytes.len() as u64;
         let start = &bytes[..bytes.len().min(MAGIC.len())];
         if start != MAGIC {
-            let found =
-                if start.is_empty() { "an empty file".into() } else { start.escape_ascii().to_string() };
+            let kind = crate::magic::kind_of(&bytes[..bytes.len().min(crate::magic::LOOKED_AT)]);
+            let found = kind.map_or_else(|| start.escape_ascii().to_string(), str::to_owned);
             return Err(header_error(0, MAGIC_FIELD, "\\x89SQUALL\\n (a .squall asset)", found));
         }
         if bytes.len() < HEADER_BYTES {

@@ -11,6 +11,7 @@ pub mod drops;
 pub mod error;
 pub mod grid;
 pub mod haar;
+pub mod magic;
 pub mod meta;
 pub mod section;
 pub mod sphere;

@@ -47,8 +47,8 @@ impl Bytes {
         let length = if metadata.is_file() {
             metadata.len()
         } else {
-            file.take(MAGIC.len() as u64).read_to_end(&mut start)?;
-            if start != MAGIC {
+            file.take(squall_formats::magic::LOOKED_AT as u64).read_to_end(&mut start)?;
+            if !start.starts_with(&MAGIC) {
                 return Ok(Self::copy(&start));
             }
             0

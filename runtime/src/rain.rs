@@ -251,8 +251,10 @@ impl Rain {
         // Steps of a fifth: near enough for a hint.
         let longer = (1..60).map(|step| shot.min_px * libm::pow(1.2, f64::from(step)));
         match longer.take_while(|px| *px < shot.max_px).find(|px| possible(*px)) {
-            Some(px) => format!("raise min_px to {px:.0}, shorten the exposure or widen the lens"),
-            None => "raise min_px and max_px, shorten the exposure or widen the lens".into(),
+            Some(px) => {
+                format!("raise the shortest of streak_px to {px:.0}, shorten the exposure or widen the lens")
+            }
+            None => "raise both ends of streak_px, shorten the exposure or widen the lens".into(),
         }
     }
 

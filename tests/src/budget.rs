@@ -2,13 +2,14 @@
 //! where they cannot be met.
 
 use squall_bake::BakeError;
-use squall_bake::budget::streaks::{METHODS, choose_pattern, stored_bytes};
-use squall_bake::candidate::{asset_of, held_out_strokes};
+use squall_bake::asset::asset_of;
 use squall_bake::input::picture::read_grey;
+use squall_bake::pipeline::bake;
+use squall_bake::plan::lights::Site;
+use squall_bake::plan::streaks::{METHODS, choose_pattern, stored_bytes};
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::{LightGrid, Sources, solve_rows};
-use squall_bake::storm::bake;
+use squall_bake::response::{Job, Sources, solve_rows};
 use squall_bake::streak::Source;
 use squall_formats::container::{OutSection, write};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
@@ -97,24 +98,31 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
     let mut cheapest = u64::MAX;
     for step in 0..10 {
         let spacing_m = 360.0 / 2.0 * libm::exp2(-0.25 * f64::from(step));
-        let (lights, strokes): (LightGrid, _) = held_out_strokes(&recipe, &scene.cloud, spacing_m).unwrap();
+        let (lights, strokes) = Site::new(&recipe, clouds, &scene.cloud).held_out(spacing_m, 0).unwrap();
         let settings = squall_bake::response::ResponseSettings {
             channels: DirectionalBasis::Harmonics { degree: 3 },
             ..clouds.response
         };
         let sources = Sources { lights, distant: Vec::new() };
-        let solved = solve_rows(&scene.cloud, &sources, &settings, &strokes, None, &Quiet).unwrap();
+        let job = Job {
+            cloud: &scene.cloud,
+            sources: &sources,
+            settings: &settings,
+            held_out: &strokes,
+            known: None,
+        };
+        let solved = solve_rows(&job, &Quiet).unwrap();
         for degree in 0..=3 {
             for exponent in 0..16 {
                 let error = 0.5 * libm::exp2(-0.5 * f64::from(exponent));
                 let coded = solved.encode(DirectionalBasis::Harmonics { degree }, Codec::Bytes, error);
-                let tests = coded.tests.clone();
+                let held_out = coded.held_out.clone();
                 let (asset, bytes) = asset_of(&scene.cloud, coded).unwrap();
                 if bytes >= cheapest {
                     break;
                 }
                 let relighter = Relighter::new(&asset).unwrap();
-                let scores = squall_bake::response::evaluate::evaluate(&relighter, &tests, 0).unwrap();
+                let scores = squall_bake::evaluate::held_out::evaluate(&relighter, &held_out, 0).unwrap();
                 if scores.stroke.l2 <= asked {
                     println!("{bytes} bytes: {spacing_m:.1} m, degree {degree}, error {error:.4}");
                     cheapest = bytes;

@@ -2,10 +2,11 @@
 //! quadrature.
 
 use squall_bake::BakeError;
-use squall_bake::density::{DensitySpec, bake_density};
+use squall_bake::density::DensitySpec;
+use squall_bake::pipeline::bake;
+use squall_bake::plan::density::bake_density;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::storm::bake;
 use squall_formats::container::write;
 use squall_formats::drops::{self, Optics};
 use squall_formats::section::density::{DensitySection, Mode};

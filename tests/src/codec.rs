@@ -3,12 +3,12 @@
 use crate::assert_close;
 use glam::DVec3;
 use proptest::prelude::*;
-use squall_bake::candidate::asset_of;
+use squall_bake::asset::asset_of;
 use squall_bake::compress::compress_row;
+use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::{BakedResponse, LightGrid, ResponseSettings, Sources, bake_response};
-use squall_bake::storm;
+use squall_bake::response::{BakedResponse, Job, LightGrid, ResponseSettings, Sources, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::haar::Haar;
@@ -98,7 +98,9 @@ struct Baked {
 
 fn bake(case: Case) -> Baked {
     let (cloud, strokes) = (cloud(), strokes());
-    let mut response = bake_response(&cloud, &sources(), &settings(case), &strokes, &Quiet).unwrap();
+    let (sources, settings) = (sources(), settings(case));
+    let job = Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+    let mut response = bake_response(&job, &Quiet).unwrap();
     let head = CloudHead {
         shape: cloud.shape,
         cell_m: cloud.cell_m,
@@ -136,7 +138,7 @@ fn light_of_any_stroke_is_off_by_no_more_than_the_stored_bounds() {
         let mut buffers = RelightBuffers::default();
         // How much of its bound the worst channel uses up: bounds that no stroke comes near would say nothing.
         let mut used = 0.0f64;
-        for test in &response.tests {
+        for test in &response.held_out {
             relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             let bounds = relighter.error_bounds(&buffers);
             let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
@@ -162,7 +164,7 @@ fn without_a_threshold_nothing_is_lost() {
         let relighter = Relighter::new(&asset).unwrap();
         assert!(relighter.response().bounds.iter().all(|bound| bound.total() == 0.0), "{codec:?}");
         let mut buffers = RelightBuffers::default();
-        for test in &response.tests {
+        for test in &response.held_out {
             let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             let error = norm(relit.planes.iter().zip(&test.uncompressed).map(|(a, b)| f64::from(a - b)));
             assert!(error <= ROUND_OFF * norm(test.uncompressed.iter().map(|&v| f64::from(v))), "{codec:?}");
@@ -178,7 +180,7 @@ fn with_all_light_as_the_budget_every_channel_is_left_at_its_mean() {
         assert_eq!(response.kept, 0);
         let relighter = Relighter::new(&asset).unwrap();
         let mut buffers = RelightBuffers::default();
-        for test in &response.tests {
+        for test in &response.held_out {
             let relit = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
             let cells = relit.cells;
             for (shown, wanted) in relit.planes.chunks_exact(cells).zip(test.uncompressed.chunks_exact(cells))
@@ -198,7 +200,7 @@ fn the_papers_ambient_adds_the_bounds_of_what_was_left_out() {
     let Baked { asset, response } = bake(case);
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
-    for test in &response.tests {
+    for test in &response.held_out {
         let plain = relighter.relight(&test.lights, RelightOptions::default(), &mut buffers).unwrap();
         let (plain, cells) = (plain.planes.to_vec(), plain.cells);
         let weights = relighter.weigh(&test.lights, &mut buffers).unwrap().to_vec();
@@ -312,7 +314,7 @@ fn golden_bytes(threads: usize, level: SimdLevel) -> Vec<u8> {
     let clouds = recipe.clouds.as_mut().unwrap();
     clouds.response.solve.level = level;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let baked = pool.install(|| storm::bake(&recipe, &Quiet)).unwrap();
+    let baked = pool.install(|| pipeline::bake(&recipe, &Quiet)).unwrap();
     let mut bytes = Vec::new();
     write(&mut bytes, &baked.sections).unwrap();
     bytes
@@ -340,7 +342,10 @@ fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fe
     let strokes = strokes();
     let bake = |seen_only: bool, error: f64| {
         let settings = ResponseSettings { seen_only, relative_error: error, ..settings(case) };
-        asset_of(&cloud, bake_response(&cloud, &sources(), &settings, &strokes, &Quiet).unwrap()).unwrap()
+        let sources = sources();
+        let job =
+            Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+        asset_of(&cloud, bake_response(&job, &Quiet).unwrap()).unwrap()
     };
     let [(all, _), (seen, _)] = [bake(false, 0.0), bake(true, 0.0)];
     let [all, seen] = [&all, &seen].map(|asset| Relighter::new(asset).unwrap());

@@ -1,9 +1,9 @@
 //! Pictures from an asset alone: where their light comes from, and that they repeat.
 
 use glam::DVec3;
+use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::storm;
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::response::{self, CHANNEL_BYTES, ResponseRows, ResponseSection};
 use squall_formats::section::view::{ViewFlash, ViewSection};
@@ -23,7 +23,7 @@ pub(crate) fn sections() -> &'static [OutSection] {
         write_scene(folder.path());
         let recipe = folder.path().join("small.toml");
         std::fs::write(&recipe, RECIPE).unwrap();
-        storm::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap().sections
+        pipeline::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap().sections
     })
 }
 

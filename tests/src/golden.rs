@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::{input, storm};
+use squall_bake::{input, pipeline};
 use squall_formats::container::{checksum, write};
 use squall_formats::drops::View;
 use squall_formats::section::KNOWN;
@@ -236,7 +236,7 @@ fn write_golden_assets() {
     let mut expected = json!({});
     // Version 1 is kept as it is: nothing writes it any more.
     for name in NEWER {
-        let baked = storm::bake(&recipe(name), &Quiet).unwrap();
+        let baked = pipeline::bake(&recipe(name), &Quiet).unwrap();
         let mut bytes = Vec::new();
         write(&mut bytes, &baked.sections).unwrap();
         assert!(bytes.len() <= 100_000, "{name}: {} bytes", bytes.len());

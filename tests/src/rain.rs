@@ -3,7 +3,8 @@
 
 use glam::{DVec2, DVec3};
 use proptest::prelude::*;
-use squall_bake::density::{DensitySpec, bake_density, solve_counts};
+use squall_bake::density::{DensitySpec, solve_counts};
+use squall_bake::plan::density::bake_density;
 use squall_formats::drops::{self, View};
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::units::{Degrees, MillimetresPerHour, Radians, Seconds};

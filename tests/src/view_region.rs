@@ -1,12 +1,12 @@
 //! Light towards eyes that stand in a box: as right there as light all around, in a fraction of the bytes, and refused elsewhere.
 
 use glam::DVec3;
-use squall_bake::budget::cost::stroke_ms;
 use squall_bake::diff::diff;
+use squall_bake::evaluate::cost::stroke_ms;
+use squall_bake::pipeline::bake;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
 use squall_bake::relit::relight;
-use squall_bake::storm::bake;
 use squall_formats::container::write;
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};

@@ -3,12 +3,13 @@
 use super::clock::seconds;
 use super::scene::chart_scene;
 use super::{Cost, Point, Sweep};
-use crate::candidate::{asset_of, touched};
+use crate::asset::asset_of;
 use crate::error::BakeError;
+use crate::evaluate::RelitError;
+use crate::evaluate::candidate::touched;
+use crate::evaluate::views::{ViewFactors, Views};
 use crate::progress::{Progress, Quiet};
-use crate::response::evaluate::{RelitError, ViewFactors, Views};
-use crate::response::{LightGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
-use crate::storm::clouds::{place_lights, strokes_for};
+use crate::response::{Job, LightGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::view_region::ViewRegionFrame;
 use squall_runtime::relight::{
@@ -29,11 +30,9 @@ pub const REPEATS: usize = 9;
 pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {
     let most = if task.quick { 1 << 11 } else { 1 << 14 };
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(Vec::new()) };
-    let (clouds, cloud) = (scene.clouds, &scene.cloud);
-    let spacing_m = scene.spacing_m;
-    let lights = place_lights(task.recipe, clouds, cloud, spacing_m)?;
-    let strokes =
-        strokes_for(task.recipe, clouds, cloud, &lights, spacing_m, 0..if task.quick { 2 } else { 4 });
+    let (site, cloud) = (scene.site(), &scene.cloud);
+    let lights = site.place_lights(scene.spacing_m)?;
+    let strokes = site.strokes(&lights, scene.spacing_m, 0..if task.quick { 2 } else { 4 });
     if strokes.is_empty() {
         return Ok(Vec::new());
     }
@@ -62,12 +61,13 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let mut points = Vec::new();
     for (channels, direct) in kinds {
         let settings = ResponseSettings { channels, direct, ..*own };
-        let solved = solve_rows(cloud, &sources, &settings, &strokes, None, &Quiet)?;
+        let job = Job { cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+        let solved = solve_rows(&job, &Quiet)?;
         let sight = Sight::new(cloud, &solved);
         let what = match (channels, direct) {
             (DirectionalBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
             (DirectionalBasis::ViewRegion { .. }, _) => {
-                format!("{} channels towards eyes, direct light at run time", channels.count())
+                format!("{} coefficients towards the view region, direct light at run time", channels.count())
             }
             (other, _) => format!("{} harmonics, direct light at run time", other.count()),
         };
@@ -100,7 +100,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     Ok(points)
 }
 
-/// From where rows are judged: the 26 directions, or eyes.
+/// From where light is compared: the 26 directions, or viewpoints.
 pub struct Sight {
     views: Views,
     factors: ViewFactors,
@@ -124,7 +124,7 @@ impl Sight {
 
 /// The rows that each stroke touches with their weights, and the time that adding a stroke's rows takes, a mean over strokes.
 pub fn timed_sums(solved: &SolvedRows) -> Result<(Vec<Vec<SourceWeight>>, Cost), BakeError> {
-    let weights = solved.tests.iter().map(|test| split_lights(&solved.head, &test.lights));
+    let weights = solved.held_out.iter().map(|stroke| split_lights(&solved.head, &stroke.lights));
     let weights: Vec<Vec<SourceWeight>> = weights.collect::<Result<_, _>>()?;
     // What the values are makes no difference to the time.
     let rows = &solved.planes;
@@ -156,14 +156,10 @@ fn dense(solved: &SolvedRows, truth: &str, all: usize) -> Result<Point, BakeErro
     })
 }
 
-/// Errors of strokes as one: the root mean square (L2) or the mean (tail, median).
+/// Errors of strokes as one: [`RelitError::mean`].
 pub fn mean_errors(each: &[RelitError]) -> Vec<(&'static str, f64)> {
-    let mean = |of: fn(&RelitError) -> f64| each.iter().map(of).sum::<f64>() / each.len() as f64;
-    vec![
-        (L2, libm::sqrt(mean(|one| one.l2 * one.l2))),
-        (TAIL, mean(|one| one.tail)),
-        (MEDIAN, mean(|one| one.median)),
-    ]
+    let RelitError { l2, tail, median } = RelitError::mean(each);
+    vec![(L2, l2), (TAIL, tail), (MEDIAN, median)]
 }
 
 fn coded(
@@ -174,20 +170,20 @@ fn coded(
     ambient: bool,
 ) -> Result<Point, BakeError> {
     let baked = solved.encode(channels, codec, error);
-    let (tests, rows) = (baked.tests.clone(), baked.rows.rows.len().max(1));
+    let (strokes, rows) = (baked.held_out.clone(), baked.rows.rows.len().max(1));
     let (asset, bytes) = asset_of(cloud, baked)?;
     let relighter = Relighter::new(&asset)?;
     let options = RelightOptions { paper_ambient: ambient };
     let mut buffers = RelightBuffers::default();
-    let mut each = Vec::with_capacity(tests.len());
-    for test in &tests {
-        let relit = relighter.relight(&test.lights, options, &mut buffers)?;
-        each.push(sight.errors(channels, relit.planes, &test.uncompressed));
+    let mut each = Vec::with_capacity(strokes.len());
+    for stroke in &strokes {
+        let relit = relighter.relight(&stroke.lights, options, &mut buffers)?;
+        each.push(sight.errors(channels, relit.planes, &stroke.uncompressed));
     }
-    let strokes = tests.len() as f64;
+    let count = strokes.len() as f64;
     let (done, cost) = seconds(REPEATS, || -> Result<(), BakeError> {
-        for test in &tests {
-            relighter.relight(&test.lights, options, &mut buffers)?;
+        for stroke in &strokes {
+            relighter.relight(&stroke.lights, options, &mut buffers)?;
         }
         Ok(())
     });
@@ -202,7 +198,7 @@ fn coded(
         setting: format!("{series}, asked {error:e}"),
         truth: String::new(),
         errors: mean_errors(&each),
-        costs: vec![(BYTES, Cost::exact(bytes as f64 / rows as f64)), (TIME, cost.times(1e6 / strokes))],
+        costs: vec![(BYTES, Cost::exact(bytes as f64 / rows as f64)), (TIME, cost.times(1e6 / count))],
         bytes: Some(bytes),
         chosen: false,
         baseline: codec == Codec::Paper,

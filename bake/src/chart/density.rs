@@ -3,10 +3,11 @@
 
 use super::clock::seconds;
 use super::{Cost, Point, Sweep};
-use crate::budget::density::ChosenTable;
-use crate::density::{DensitySpec, bake_chosen, bake_density, solve_counts};
+use crate::density::solve_counts;
 use crate::error::BakeError;
+use crate::plan::density::{ChosenTable, bake_chosen, bake_density};
 use crate::progress::Progress;
+use crate::recipe::model::DensitySpec;
 use squall_formats::drops::{View, paper};
 use squall_formats::section::density::{DensitySection, MOMENTS, Mode};
 use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
@@ -35,70 +36,26 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let counts: &[usize] = if task.quick { &[4, 16] } else { &[1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64] };
     progress.begin("chart density", (asked.len() * classes.len() + counts.len() + 3) as u64);
     let mut points = Vec::new();
-    let mut measure = |section: &DensitySection,
-                       mode: Mode,
-                       series: String,
-                       setting: String,
-                       chosen: bool| {
-        let table = section.table(mode);
-        let bytes = (table.classes.len() * section.rates.len() * MOMENTS * size_of::<f64>()) as u64;
-        let mut counts = vec![0.0; table.classes.len()];
-        let (done, cost) = seconds(REPEATS, || -> Result<Vec<f64>, BakeError> {
-            let ask = |(view, rate): &(View, MillimetresPerHour)| {
-                lookup_counts_into(section, mode, view, *rate, &mut counts)?;
-                Ok(counts.iter().sum())
-            };
-            questions.iter().map(ask).collect()
-        });
-        let totals = done?;
-        // Rain's drops fall as they fall, whatever a mode makes of it: contiguous diameters, measured speeds. Bentley's
-        // classes have gaps between them; the drops there are part of the truth too.
-        let span = match mode {
-            Mode::Default => own.diameter,
-            _ => span_of(&paper::CLASSES),
-        };
-        let (mut sum, mut worst) = (0.0, 0.0f64);
-        for ((view, rate), found) in questions.iter().zip(totals) {
-            let wanted = solve_counts(Mode::Default, &[span], view, *rate)?[0];
-            if wanted == 0.0 {
-                continue;
-            }
-            let error = (found / wanted - 1.0).abs();
-            sum += error;
-            worst = worst.max(error);
-        }
-        points.push(Point {
-            series,
-            setting,
-            truth: format!(
-                "quadrature over drops of {} to {} mm, measured fall speeds",
-                span[0].0, span[1].0
-            ),
-            errors: vec![(ERROR, sum / questions.len() as f64), (WORST, worst)],
-            costs: vec![(BYTES, Cost::exact(bytes as f64)), (TIME, cost.times(1e9 / questions.len() as f64))],
-            bytes: Some(bytes),
-            chosen,
-            baseline: mode != Mode::Default,
-        });
-        Ok::<(), BakeError>(())
-    };
+    let measured = |section: &DensitySection, mode| measure(section, mode, own.diameter, &questions);
     for &classes in classes {
         for &relative_error in asked {
             progress.check()?;
             let spec = DensitySpec { relative_error, classes, class_error: None, ..own.clone() };
             let section = bake_density(&spec)?;
             let setting = format!("asked {relative_error:e}: {} rates", section.rates.len());
-            measure(&section, Mode::Default, format!("{classes} classes"), setting, false)?;
+            let series = format!("{classes} classes");
+            points.push(Point { series, setting, ..measured(&section, Mode::Default)? });
             progress.advance(1);
         }
     }
     let chosen = bake_chosen(own)?;
-    let section = &chosen.section;
-    let setting = format!("the recipe's: {} rates, {}", section.rates.len(), chosen.classes());
-    measure(section, Mode::Default, chosen.classes(), setting, true)?;
+    let (section, series) = (&chosen.section, chosen.classes());
+    let setting = format!("the recipe's: {} rates, {series}", section.rates.len());
+    points.push(Point { series, setting, chosen: true, ..measured(section, Mode::Default)? });
     progress.advance(1);
     for mode in [Mode::PaperExact, Mode::Paper] {
-        measure(section, mode, format!("mode {}", mode.name()), "Bentley's classes".into(), false)?;
+        let (series, setting) = (format!("mode {}", mode.name()), "Bentley's classes".into());
+        points.push(Point { series, setting, ..measured(section, mode)? });
     }
     progress.advance(1);
     for &classes in counts {
@@ -110,6 +67,54 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     points.push(fall(&chosen, true));
     progress.advance(1);
     Ok(points)
+}
+
+/// How far a mode's looked-up counts are off, and what a lookup takes; series and setting are left empty.
+fn measure(
+    section: &DensitySection,
+    mode: Mode,
+    diameter: [Millimetres; 2],
+    questions: &[(View, MillimetresPerHour)],
+) -> Result<Point, BakeError> {
+    let table = section.table(mode);
+    let bytes = (table.classes.len() * section.rates.len() * MOMENTS * size_of::<f64>()) as u64;
+    let mut counts = vec![0.0; table.classes.len()];
+    let (done, cost) = seconds(REPEATS, || -> Result<Vec<f64>, BakeError> {
+        let ask = |(view, rate): &(View, MillimetresPerHour)| {
+            lookup_counts_into(section, mode, view, *rate, &mut counts)?;
+            Ok(counts.iter().sum())
+        };
+        questions.iter().map(ask).collect()
+    });
+    let totals = done?;
+    // Rain's drops fall as they fall, whatever a mode makes of it: contiguous diameters, measured speeds. Bentley's
+    // classes have gaps between them; the drops there are part of the truth too.
+    let span = match mode {
+        Mode::Default => diameter,
+        _ => span_of(&paper::CLASSES),
+    };
+    let (mut sum, mut worst) = (0.0, 0.0f64);
+    for ((view, rate), found) in questions.iter().zip(totals) {
+        let wanted = solve_counts(Mode::Default, &[span], view, *rate)?[0];
+        if wanted == 0.0 {
+            continue;
+        }
+        let error = (found / wanted - 1.0).abs();
+        sum += error;
+        worst = worst.max(error);
+    }
+    let [from, to] = span.map(|diameter| diameter.0);
+    let asked = questions.len() as f64;
+    Ok(Point {
+        series: String::new(),
+        setting: String::new(),
+        truth: format!("quadrature over drops of {from} to {to} mm, measured fall speeds"),
+        errors: vec![(ERROR, sum / asked), (WORST, worst)],
+        costs: vec![(BYTES, Cost::exact(bytes as f64)), (TIME, cost.times(1e9 / asked))],
+        bytes: Some(bytes),
+        chosen: false,
+        baseline: mode != Mode::Default,
+    })
 }
 
 /// How far drops of a table's classes fall apart from their streaks.

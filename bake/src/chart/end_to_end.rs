@@ -4,14 +4,15 @@
 use super::clock::seconds;
 use super::scene::{ChartScene, chart_scene};
 use super::{Cost, Point, Sweep};
-use crate::candidate::{asset_of, touched};
+use crate::asset::asset_of;
 use crate::cloud::automatic_samples;
 use crate::error::BakeError;
+use crate::evaluate::candidate::touched;
+use crate::evaluate::{RelativeL2, relative_l2};
 use crate::monte_carlo::{ChanceSettings, solve_by_chance};
 use crate::progress::{Progress, Quiet};
 use crate::relit::relight;
-use crate::response::{LightGrid, ResponseSettings, Sources, bake_response};
-use crate::storm::clouds::place_lights;
+use crate::response::{Job, LightGrid, ResponseSettings, Sources, bake_response};
 use glam::DVec3;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
@@ -20,6 +21,7 @@ use squall_runtime::frame::camera_of;
 use squall_runtime::live::LiveSolver;
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::stroke::Stroke;
+use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 
 const RMSE: &str = "picture, relative RMSE";
@@ -29,168 +31,178 @@ const BYTES: &str = "response, bytes";
 
 pub const PAIRS: &[(&str, &str)] = &[(RMSE, RELIGHT), (RMSE, TIME), (RMSE, BYTES)];
 
-/// Points of light that stand for a stroke, in the truth and in what is judged.
-const LAMPS: usize = 4;
+/// Points of light that stand for a stroke, in the truth and in what is compared with it.
+const POINTS: usize = 4;
 const SEED: u64 = 2;
 const REPEATS: usize = 3;
+
+/// A way to store light: series, direct light, basis and codec.
+type Kind = (&'static str, DirectTerm, DirectionalBasis, Codec);
+
+/// What all pictures of a sweep share.
+struct Shot<'a> {
+    scene: &'a ChartScene<'a>,
+    stroke: Vec<PointLight>,
+    camera: Camera,
+    /// The path-traced picture, and what it is in words.
+    truth: Vec<f32>,
+    words: String,
+}
 
 pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {
     let most = if task.quick { 1 << 10 } else { 1 << 13 };
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(Vec::new()) };
-    let (clouds, cloud) = (scene.clouds, &scene.cloud);
-    let lights = stroke_of(task, &scene);
+    let stroke = stroke_of(task, &scene);
     let camera = camera(task, &scene)?;
-    let (truth, noise) = path_trace(task, &scene, &lights, &camera, progress)?;
-    let words = format!(
-        "{}, {} × {} px: path traced (its noise {:.1} %)",
-        scene.words,
-        camera.width,
-        camera.height,
-        100.0 * noise
-    );
-    let side = (cloud.far_corner() - cloud.origin_m).max_element();
-    let own = scene.spacing_m;
+    let (truth, noise) = path_trace(task, &scene, &stroke, &camera, progress)?;
+    let (width, height) = (camera.width, camera.height);
+    let words =
+        format!("{}, {width} × {height} px: path traced (its noise {:.1} %)", scene.words, 100.0 * noise);
+    let shot = Shot { scene: &scene, stroke, camera, truth, words };
     let steps: &[f64] = if task.quick { &[1.0] } else { &[2.0, 1.41, 1.0, 0.71, 0.5, 0.35, 0.25] };
-    let usual = scene.settings.codec;
-    let mut kinds = vec![
-        (
-            "baked for any eye, 16 channels",
-            DirectTerm::AtRunTime,
-            DirectionalBasis::Harmonics { degree: 3 },
-            usual,
-        ),
-        (
-            "baked for any eye, 4 channels",
-            DirectTerm::AtRunTime,
-            DirectionalBasis::Harmonics { degree: 1 },
-            usual,
-        ),
-        (
-            "paper: direct light baked, 26 directions",
-            DirectTerm::InRows,
-            DirectionalBasis::Directions26,
-            Codec::Paper,
-        ),
-    ];
-    let mine = (scene.settings.direct, scene.settings.channels, usual);
-    if !kinds.iter().any(|&(_, direct, channels, codec)| (direct, channels, codec) == mine) {
-        kinds.push(("baked, the recipe's channels", mine.0, mine.1, mine.2));
-    }
+    let kinds = kinds(&scene.settings);
     let refinements: &[u32] = if task.quick { &[1] } else { &[1, 2, 3] };
     let tolerances: &[f64] = if task.quick { &[1e-2] } else { &[0.3, 0.1, 3e-2, 1e-2, 1e-3] };
     progress
         .begin("chart end-to-end", (kinds.len() * steps.len() + refinements.len() * tolerances.len()) as u64);
     let mut points = Vec::new();
-    for (series, direct, channels, codec) in kinds {
+    for kind in kinds {
         for &step in steps {
             progress.check()?;
             progress.advance(1);
-            let spacing_m = own * step;
-            let grid = place_lights(task.recipe, clouds, cloud, spacing_m)?;
-            let wanted = touched(&grid, std::slice::from_ref(&lights));
-            let all = grid.wanted_count();
-            let mut settings = ResponseSettings { direct, channels, codec, ..scene.settings };
-            if (direct, channels, codec) != mine {
-                // Those are baked for eyes anywhere: what a box of eyes saves is the recipe's own.
-                settings.view_region = None;
-            }
-            let grid = LightGrid { wanted, ..grid };
-            let tried = grid.wanted_count();
-            let mut point = flash(&scene, grid, &settings, &lights, &camera, &truth)?;
-            point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
-            if let Some(bytes) = point.bytes {
-                point.costs.push((BYTES, Cost::exact(bytes as f64)));
-            }
-            point.series = series.into();
-            point.setting = format!("{series}, lamps {spacing_m:.0} m apart");
-            point.truth = words.clone();
-            point.chosen = step == 1.0 && (direct, channels, codec) == mine;
-            point.baseline = direct == DirectTerm::InRows && codec == Codec::Paper;
-            points.push(point);
+            points.push(shot.baked(kind, step)?);
         }
     }
     for &refine in refinements {
         for &tolerance in tolerances {
             progress.check()?;
             progress.advance(1);
-            let mut settings = ResponseSettings {
-                direct: DirectTerm::AtRunTime,
-                channels: DirectionalBasis::Harmonics { degree: 0 },
-                refine,
-                ..scene.settings
-            };
-            settings.solve.tolerance = tolerance;
-            // One lamp far from the stroke: nothing of it is baked, so all of it is solved for.
-            let far = cloud.far_corner() + DVec3::splat(10.0 * side);
-            let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
-            let mut point = flash(&scene, grid, &settings, &lights, &camera, &truth)?;
-            point.series = format!("live solve, refinement {refine}");
-            point.setting = format!("live solve, refinement {refine}, residual {tolerance:e}");
-            point.truth = words.clone();
-            point.bytes = None;
-            points.push(point);
+            points.push(shot.live(refine, tolerance)?);
         }
     }
     Ok(points)
 }
 
-/// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
-fn flash(
-    scene: &ChartScene<'_>,
-    lights: LightGrid,
-    settings: &ResponseSettings,
-    stroke: &[PointLight],
-    camera: &Camera,
-    truth: &[f32],
-) -> Result<Point, BakeError> {
-    let sources = Sources { lights, distant: Vec::new() };
-    let baked = bake_response(&scene.cloud, &sources, settings, &[], &Quiet)?;
-    let (asset, bytes) = asset_of(&scene.cloud, baked)?;
-    let relighter = Relighter::new(&asset)?;
-    let (done, cost) =
-        seconds(REPEATS, || relight(&relighter, stroke, ("camera", camera), None, false, &Quiet));
-    let (fields, report) = done?;
-    let inner = match report.live {
-        Some(_) => {
-            let solver = LiveSolver::new(&scene.cloud, &relighter.response().head.solver)?;
-            let samples = automatic_samples(settings.refine);
-            // Direct light comes on top either way.
-            let direct = solver.direct(stroke, &[], samples);
-            let (done, cost) = seconds(4 * REPEATS, || solver.solve(&direct, &mut |_| true));
-            done?;
-            cost
-        }
-        None => {
-            let mut buffers = RelightBuffers::default();
-            let mut relight = || -> Result<(), BakeError> {
-                relighter.relight(stroke, RelightOptions::default(), &mut buffers)?;
-                Ok(())
-            };
-            relight()?;
-            let (done, cost) = seconds(4 * REPEATS, relight);
-            done?;
-            cost
-        }
-    };
-    let image = &fields.images[0].2.mean;
-    let (mut square, mut size) = (0.0, 0.0);
-    for (&x, &r) in image.iter().zip(truth) {
-        square += f64::from(x - r) * f64::from(x - r);
-        size += f64::from(r) * f64::from(r);
+/// The paper's way, two of ours, and the recipe's own.
+fn kinds(own: &ResponseSettings) -> Vec<Kind> {
+    let ours = |degree| (DirectTerm::AtRunTime, DirectionalBasis::Harmonics { degree }, own.codec);
+    let paper = (DirectTerm::InRows, DirectionalBasis::Directions26, Codec::Paper);
+    let mut kinds = vec![
+        ("baked for any viewpoint, 16 coefficients", ours(3)),
+        ("baked for any viewpoint, 4 coefficients", ours(1)),
+        ("paper: direct light baked, 26 directions", paper),
+    ];
+    let own = (own.direct, own.channels, own.codec);
+    if kinds.iter().all(|&(_, kind)| kind != own) {
+        kinds.push(("baked, the recipe's basis", own));
     }
-    Ok(Point {
-        series: String::new(),
-        setting: String::new(),
-        truth: String::new(),
-        errors: vec![(RMSE, libm::sqrt(square / size))],
-        costs: vec![(TIME, cost.times(1e3)), (RELIGHT, inner.times(1e3))],
-        bytes: Some(bytes),
-        chosen: false,
-        baseline: false,
-    })
+    kinds.into_iter().map(|(series, (direct, basis, codec))| (series, direct, basis, codec)).collect()
 }
 
-/// A few points of the recipe's first stroke in the cloud, or one lamp inside it.
+impl Shot<'_> {
+    /// Relit from rows of lights `step` times as far apart as the recipe's.
+    fn baked(&self, (series, direct, channels, codec): Kind, step: f64) -> Result<Point, BakeError> {
+        let own = &self.scene.settings;
+        let is_own = (direct, channels, codec) == (own.direct, own.channels, own.codec);
+        let spacing_m = self.scene.spacing_m * step;
+        let grid = self.scene.site().place_lights(spacing_m)?;
+        let wanted = touched(&grid, std::slice::from_ref(&self.stroke));
+        let all = grid.wanted_count();
+        let mut settings = ResponseSettings { direct, channels, codec, ..*own };
+        if !is_own {
+            // Those are baked for viewpoints anywhere: what a view region saves is the recipe's own.
+            settings.view_region = None;
+        }
+        let grid = LightGrid { wanted, ..grid };
+        let tried = grid.wanted_count();
+        let mut point = self.flash(grid, &settings)?;
+        point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
+        if let Some(bytes) = point.bytes {
+            point.costs.push((BYTES, Cost::exact(bytes as f64)));
+        }
+        point.series = series.into();
+        point.setting = format!("{series}, virtual lights {spacing_m:.0} m apart");
+        point.chosen = step == 1.0 && is_own;
+        point.baseline = direct == DirectTerm::InRows && codec == Codec::Paper;
+        Ok(point)
+    }
+
+    /// Solved on the spot.
+    fn live(&self, refine: u32, tolerance: f64) -> Result<Point, BakeError> {
+        let cloud = &self.scene.cloud;
+        let mut settings = ResponseSettings {
+            direct: DirectTerm::AtRunTime,
+            channels: DirectionalBasis::Harmonics { degree: 0 },
+            refine,
+            ..self.scene.settings
+        };
+        settings.solve.tolerance = tolerance;
+        // One virtual light far from the stroke: nothing of it is baked, so all of it is solved for.
+        let side = (cloud.far_corner() - cloud.origin_m).max_element();
+        let far = cloud.far_corner() + DVec3::splat(10.0 * side);
+        let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
+        let mut point = self.flash(grid, &settings)?;
+        point.series = format!("live solve, refinement {refine}");
+        point.setting = format!("live solve, refinement {refine}, residual {tolerance:e}");
+        point.bytes = None;
+        Ok(point)
+    }
+
+    /// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
+    fn flash(&self, lights: LightGrid, settings: &ResponseSettings) -> Result<Point, BakeError> {
+        let (cloud, stroke) = (&self.scene.cloud, self.stroke.as_slice());
+        let sources = Sources { lights, distant: Vec::new() };
+        let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None };
+        let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
+        let relighter = Relighter::new(&asset)?;
+        let (done, cost) =
+            seconds(REPEATS, || relight(&relighter, stroke, ("camera", &self.camera), None, false, &Quiet));
+        let (fields, report) = done?;
+        let inner = match report.live {
+            Some(_) => live_cost(cloud, &relighter, stroke, settings.refine)?,
+            None => relight_cost(&relighter, stroke)?,
+        };
+        Ok(Point {
+            series: String::new(),
+            setting: String::new(),
+            truth: self.words.clone(),
+            errors: vec![(RMSE, relative_l2(&fields.images[0].2.mean, &self.truth))],
+            costs: vec![(TIME, cost.times(1e3)), (RELIGHT, inner.times(1e3))],
+            bytes: Some(bytes),
+            chosen: false,
+            baseline: false,
+        })
+    }
+}
+
+/// What solving for a stroke's scattered light takes; direct light comes on top either way.
+fn live_cost(
+    cloud: &Cloud,
+    relighter: &Relighter<'_>,
+    stroke: &[PointLight],
+    refine: u32,
+) -> Result<Cost, BakeError> {
+    let solver = LiveSolver::new(cloud, &relighter.response().head.solver)?;
+    let direct = solver.direct(stroke, &[], automatic_samples(refine));
+    let (done, cost) = seconds(4 * REPEATS, || solver.solve(&direct, &mut |_| true));
+    done?;
+    Ok(cost)
+}
+
+/// What relighting a stroke from rows takes.
+fn relight_cost(relighter: &Relighter<'_>, stroke: &[PointLight]) -> Result<Cost, BakeError> {
+    let mut buffers = RelightBuffers::default();
+    let mut relight = || -> Result<(), BakeError> {
+        relighter.relight(stroke, RelightOptions::default(), &mut buffers)?;
+        Ok(())
+    };
+    relight()?;
+    let (done, cost) = seconds(4 * REPEATS, relight);
+    done?;
+    Ok(cost)
+}
+
+/// A few points of the recipe's first stroke in the cloud, or one point inside it.
 fn stroke_of(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Vec<PointLight> {
     let cloud = &scene.cloud;
     let inside =
@@ -202,9 +214,9 @@ fn stroke_of(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Vec<PointLight> {
         .map(|record| Stroke::grow(record).lights(0.0).into_iter().filter(inside).collect())
         .unwrap_or_default();
     if points.is_empty() {
-        return vec![scene.light(task.recipe)];
+        return vec![scene.light()];
     }
-    let step = points.len().div_ceil(LAMPS);
+    let step = points.len().div_ceil(POINTS);
     points.iter().step_by(step).map(|p| PointLight { intensity: 1.0, ..*p }).collect()
 }
 
@@ -218,15 +230,15 @@ fn camera(task: &Sweep<'_>, scene: &ChartScene<'_>) -> Result<Camera, BakeError>
     }
     let (low, high) = (scene.cloud.origin_m, scene.cloud.far_corner());
     let (middle, extent) = (0.5 * (low + high), (high - low).length());
-    let eye = match scene.settings.view_region {
+    let viewpoint = match scene.settings.view_region {
         Some(view_region) => DVec3::from_array(view_region.centre()),
         None => middle - DVec3::Y * 1.2 * extent - DVec3::Z * 0.2 * extent,
     };
     let projection = Projection::Perspective { vertical_fov: Radians::from(Degrees(40.0)) };
-    Ok(Camera::new(eye, middle - eye, DVec3::Z, projection, size)?)
+    Ok(Camera::new(viewpoint, middle - viewpoint, DVec3::Z, projection, size)?)
 }
 
-/// The flash by chance: radiance per pixel, and its standard errors' share of it.
+/// The flash by Monte Carlo: radiance per pixel, and its standard errors' share of it.
 fn path_trace(
     task: &Sweep<'_>,
     scene: &ChartScene<'_>,
@@ -236,7 +248,7 @@ fn path_trace(
 ) -> Result<(Vec<f32>, f64), BakeError> {
     let photons: u64 = if task.quick { 100_000 } else { 2_000_000 };
     let cameras = [("camera".to_owned(), camera.clone())];
-    let (mut sum, mut square): (Vec<f32>, f64) = (Vec::new(), 0.0);
+    let (mut sum, mut square): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
     for (at, light) in lights.iter().enumerate() {
         let light = Light::Point { position: light.position, intensity: light.intensity };
         let settings = ChanceSettings { photons, seed: SEED + at as u64 };
@@ -244,9 +256,13 @@ fn path_trace(
         let image = &fields.images[0].2;
         sum.resize(image.mean.len(), 0.0);
         sum.iter_mut().zip(&image.mean).for_each(|(sum, value)| *sum += value);
+        square.resize(image.mean.len(), 0.0);
         let errors = image.error.iter().flatten();
-        square += errors.map(|&error| f64::from(error) * f64::from(error)).sum::<f64>();
+        square.iter_mut().zip(errors).for_each(|(square, error)| *square += error * error);
     }
-    let size: f64 = sum.iter().map(|&value| f64::from(value) * f64::from(value)).sum();
-    Ok((sum, libm::sqrt(square / size)))
+    let mut noise = RelativeL2::default();
+    for (&square, &value) in square.iter().zip(&sum) {
+        noise.add(libm::sqrt(f64::from(square)), f64::from(value), 1.0);
+    }
+    Ok((sum, noise.value()))
 }

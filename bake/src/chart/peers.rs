@@ -15,9 +15,9 @@ mod exchange;
 use super::compression::{BYTES, Sight, TIME, mean_errors, timed_sums};
 use super::{Cost, Point};
 use crate::error::BakeError;
+use crate::evaluate::RelitError;
 use crate::progress::Progress;
 use crate::response::SolvedRows;
-use crate::response::evaluate::RelitError;
 use exchange::{Coded, Exchange};
 use serde::Deserialize;
 use squall_formats::section::response::{self, ResponseRows};
@@ -101,7 +101,7 @@ fn asked(quick: bool) -> &'static [f64] {
 /// Strokes as sums over rows of light in cells.
 struct Evaluate<'a> {
     solved: &'a SolvedRows,
-    /// From where they are judged.
+    /// From where they are compared.
     sight: &'a Sight,
     /// Rows and weights of each stroke.
     weights: Vec<Vec<SourceWeight>>,
@@ -126,7 +126,7 @@ impl<'a> Evaluate<'a> {
         vec![vec![0.0; length]; self.weights.len()]
     }
 
-    /// Adds a row to the strokes that touch it. Rows have to come in order, for sums to be rounded as those that judge.
+    /// Adds a row to the strokes that touch it. Rows have to come in order, for sums to be rounded as those of our own.
     fn add(&self, sums: &mut [Vec<f32>], row: usize, values: &[f32]) {
         for (sum, weights) in sums.iter_mut().zip(&self.weights) {
             let Some(weight) = weights.iter().find(|weight| weight.row as usize == row) else { continue };
@@ -138,8 +138,8 @@ impl<'a> Evaluate<'a> {
     fn errors(&self, sums: &[Vec<f32>]) -> Vec<(&'static str, f64)> {
         let each: Vec<RelitError> = sums
             .iter()
-            .zip(&self.solved.tests)
-            .map(|(sum, test)| self.sight.errors(self.solved.head.channels, sum, &test.uncompressed))
+            .zip(&self.solved.held_out)
+            .map(|(sum, stroke)| self.sight.errors(self.solved.head.channels, sum, &stroke.uncompressed))
             .collect();
         mean_errors(&each)
     }

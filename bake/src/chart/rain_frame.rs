@@ -4,9 +4,10 @@
 use super::clock::seconds;
 use super::picture_kernel::PictureSet;
 use super::{Cost, Point, Sweep};
-use crate::density::bake_density;
 use crate::error::BakeError;
+use crate::evaluate::relative_l2;
 use crate::input::picture::read_grey;
+use crate::plan::density::bake_density;
 use crate::progress::Progress;
 use crate::streak::{FitSettings, Method, Source, fit_all};
 use glam::DVec3;
@@ -181,12 +182,8 @@ impl View<'_> {
         self.draw(1, kernel, &mut workspace, &mut picture)?;
         let (done, cost) = seconds(REPEATS, || self.draw(1, kernel, &mut workspace, &mut picture));
         done?;
-        let (mut square, mut size) = (0.0, 0.0);
-        for (pixel, &wanted) in picture.pixels.iter().zip(truth) {
-            square += f64::from(pixel[1] - wanted) * f64::from(pixel[1] - wanted);
-            size += f64::from(wanted) * f64::from(wanted);
-        }
-        Ok((libm::sqrt(square / size), cost.times(1e3)))
+        let green: Vec<f32> = picture.pixels.iter().map(|pixel| pixel[1]).collect();
+        Ok((relative_l2(&green, truth), cost.times(1e3)))
     }
 }
 

@@ -1,12 +1,13 @@
 //! The recipe's cloud as charts sweep it: the same optics on fewer cells, so that a sweep of a hundred settings ends.
 
-use crate::budget::clouds::{Margins, choose};
 use crate::error::BakeError;
+use crate::evaluate::held_out::extinction_at;
 use crate::input::scene::read_scene;
+use crate::plan::budget::Margins;
+use crate::plan::lights::Site;
+use crate::plan::plan;
 use crate::progress::Quiet;
-use crate::recipe::{Clouds, Recipe};
-use crate::response::ResponseSettings;
-use crate::response::evaluate::extinction_at;
+use crate::recipe::model::{Clouds, Recipe, ResponseSettings};
 use squall_formats::GridShape;
 use squall_runtime::relight::PointLight;
 use squall_runtime::stroke::Stroke;
@@ -14,13 +15,13 @@ use squall_runtime::transport::Cloud;
 
 /// A cloud to sweep.
 pub struct ChartScene<'a> {
-    /// What the recipe says of it.
-    pub clouds: &'a Clouds,
+    recipe: &'a Recipe,
+    clouds: &'a Clouds,
     /// The cloud, on at most as many cells as asked for.
     pub cloud: Cloud,
     /// How it came about, in words.
     pub words: String,
-    /// The recipe's own distance between lamps on this cloud, m: stated, usual or chosen by its budget.
+    /// The recipe's own distance between virtual lights on this cloud, m: stated, usual or chosen by its budget.
     pub spacing_m: f64,
     /// The recipe's own way to solve and store, likewise.
     pub settings: ResponseSettings,
@@ -50,9 +51,9 @@ pub fn chart_scene(recipe: &Recipe, most: usize) -> Result<Option<ChartScene<'_>
     } else {
         format!("the recipe's cloud on {nx} × {ny} × {nz} cells")
     };
-    let all = Margins { errors: 1.0, costs: 1.0 };
-    let choice = choose(recipe, clouds, &cloud, all, &Quiet)?;
-    Ok(Some(ChartScene { clouds, cloud, words, spacing_m: choice.spacing_m, settings: choice.settings }))
+    let planned = plan(&Site::new(recipe, clouds, &cloud), Margins::default(), &Quiet)?;
+    let (spacing_m, settings) = (planned.spacing_m, planned.settings);
+    Ok(Some(ChartScene { recipe, clouds, cloud, words, spacing_m, settings }))
 }
 
 /// Blocks of cells as one cell of their mean extinction; what a block has beyond the grid is empty, as everything outside is.
@@ -73,10 +74,15 @@ fn coarsened(cloud: &Cloud, factor: [usize; 3]) -> Result<Cloud, BakeError> {
 }
 
 impl ChartScene<'_> {
-    /// A lamp inside the cloud: the point of the recipe's strokes with the densest cell, or the densest cell's own middle.
-    pub fn light(&self, recipe: &Recipe) -> PointLight {
+    /// Where virtual lights stand over this cloud.
+    pub fn site(&self) -> Site<'_> {
+        Site::new(self.recipe, self.clouds, &self.cloud)
+    }
+
+    /// A point light inside the cloud: the point of the recipe's strokes with the densest cell, or the densest cell's own middle.
+    pub fn light(&self) -> PointLight {
         let cloud = &self.cloud;
-        let points = recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lights(0.0));
+        let points = self.recipe.strokes.iter().flat_map(|record| Stroke::grow(record).lights(0.0));
         let deepest =
             points.map(|p| (extinction_at(cloud, p.position), p.position)).max_by(|a, b| a.0.total_cmp(&b.0));
         let position = match deepest {

@@ -5,6 +5,7 @@ use super::scene::chart_scene;
 use super::{Cost, Point, Sweep};
 use crate::cloud::{TruthSettings, solve_light};
 use crate::error::BakeError;
+use crate::evaluate::RelativeL2;
 use crate::input::scene::{Optics, read_scene};
 use crate::monte_carlo::{ChanceSettings, solve_by_chance};
 use crate::progress::{Progress, Quiet};
@@ -86,27 +87,28 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 impl Case {
     /// Relative RMSE and median pointwise error over cells with density.
     fn score(&self, found: &[f32]) -> (f64, f64) {
-        let (mut square, mut size, mut pointwise) = (0.0, 0.0, Vec::new());
+        let (mut rmse, mut pointwise) = (RelativeL2::default(), Vec::new());
         for cell in (0..found.len()).filter(|&cell| self.cloud.extinction[cell] > 0.0) {
             let (x, r) = (f64::from(found[cell]), f64::from(self.wanted[cell]));
-            square += (x - r) * (x - r);
-            size += r * r;
+            rmse.add(x - r, r, 1.0);
             if f64::from(self.errors[cell]) < SURE * r {
                 pointwise.push((x - r).abs() / r);
             }
         }
         pointwise.sort_unstable_by(f64::total_cmp);
         let median = pointwise.get(pointwise.len() / 2).copied().unwrap_or(f64::NAN);
-        (libm::sqrt(square / size), median)
+        (rmse.value(), median)
     }
 
     /// RMSE that the truth's own standard errors account for.
     fn noise(wanted: &[f32], errors: &[f32], cloud: &Cloud) -> f64 {
-        let filled = |values: &[f32]| -> f64 {
-            let cells = values.iter().zip(&cloud.extinction).filter(|(_, e)| **e > 0.0);
-            cells.map(|(&v, _)| f64::from(v) * f64::from(v)).sum()
-        };
-        libm::sqrt(filled(errors) / filled(wanted))
+        let mut noise = RelativeL2::default();
+        for ((&error, &wanted), _) in
+            errors.iter().zip(wanted).zip(&cloud.extinction).filter(|(_, extinction)| **extinction > 0.0)
+        {
+            noise.add(f64::from(error), f64::from(wanted), 1.0);
+        }
+        noise.value()
     }
 }
 
@@ -119,7 +121,7 @@ fn reference_case(folder: &Path, name: &str, light: &str) -> Result<Case, BakeEr
     let (wanted, errors) = (read("")?, read("_se")?);
     let noise = Case::noise(&wanted, &errors, &scene.cloud);
     Ok(Case {
-        words: format!("reference {name}, lamp {light} (its noise {:.1} %)", 100.0 * noise),
+        words: format!("reference {name}, light {light} (its noise {:.1} %)", 100.0 * noise),
         light: scene.light(light)?,
         cloud: scene.cloud,
         wanted,
@@ -132,7 +134,7 @@ fn own_case(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Option<Case>, B
     const SEED: u64 = 1;
     let (most, photons) = if task.quick { (1 << 11, 400_000) } else { (1 << 13, 40_000_000) };
     let Some(scene) = chart_scene(task.recipe, most)? else { return Ok(None) };
-    let light = scene.light(task.recipe);
+    let light = scene.light();
     let light = Light::Point { position: light.position, intensity: light.intensity };
     let (fields, _) =
         solve_by_chance(&scene.cloud, light, &[], &ChanceSettings { photons, seed: SEED }, progress)?;

@@ -14,7 +14,7 @@ use squall_bake::metrics::Figures;
 use squall_bake::output::{Output, Place};
 use squall_bake::progress::Progress;
 use squall_bake::provenance::changes;
-use squall_bake::{memory, recipe::Recipe, storm};
+use squall_bake::{memory, pipeline, recipe::Recipe};
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::response::ResponseSection;
@@ -27,6 +27,7 @@ use std::time::Instant;
 
 /// Bakes a recipe into one asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The recipe, TOML.
     recipe: PathBuf,
@@ -123,7 +124,7 @@ fn bake(args: &Args, recipe: &Recipe, out: &Path, bars: &Bars, report: &mut Repo
     let out = Output::prepare(out)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     memory::require_bake(recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
-    let baked = storm::bake(recipe, bars)?;
+    let baked = pipeline::bake(recipe, bars)?;
     bars.check()?;
     let length = container::write(&mut std::io::sink(), &baked.sections)?;
     report.figures = figures(&baked.sections, &baked.provenance, length)?;

@@ -16,6 +16,7 @@ use std::path::PathBuf;
 
 /// Plots error against cost, knob by knob: data.csv, data.json, an SVG a chart and one page that shows all of it.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The recipe, TOML.
     recipe: PathBuf,

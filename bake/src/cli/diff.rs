@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 /// Says what changed between two assets; exits 1 where they differ.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset that is looked at.
     a: PathBuf,
@@ -41,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         1 => "1 section differs".to_owned(),
         count => format!("{count} sections differ"),
     };
-    Err(BakeError::Failed(format!("{} and {}: {what}", args.a.display(), args.b.display())).into())
+    Err(BakeError::Different { a: args.a, b: args.b, what }.into())
 }
 
 fn in_words(found: &Difference) -> String {

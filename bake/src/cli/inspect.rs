@@ -19,6 +19,7 @@ use std::path::PathBuf;
 
 /// Says what is inside an asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,

@@ -65,7 +65,7 @@ pub fn warnings(recipe: &Recipe, figures: &Figures) -> Vec<String> {
 }
 
 fn measuring(recipe: &Recipe, clouds: &Clouds) -> &'static str {
-    if clouds.test_strokes == 0 {
+    if clouds.held_out_strokes == 0 {
         "test_strokes above 0 in [clouds.response] would measure it"
     } else if clouds.lights.prune && recipe.strokes.is_empty() {
         "[[strokes]] in the recipe, or prune = false in [clouds.lightning], would give strokes to measure it by"
@@ -82,7 +82,7 @@ fn bettering(clouds: &Clouds) -> String {
     format!(
         "a smaller spacing_m in [clouds.lightning]{spacing} and more channels in [clouds.response] lower it, or stroke_l2 in \
          [clouds.budget] chooses both; test_strokes (now {}) say how surely it is measured",
-        clouds.test_strokes
+        clouds.held_out_strokes
     )
 }
 

@@ -49,7 +49,7 @@ struct Density {
     #[arg(long, value_name = "MS", default_value_t = 20.0)]
     exposure_ms: f64,
     /// Picture width over height, as 16:9 or as 1.7778.
-    #[arg(long, value_name = "W:H", default_value = "16:9", value_parser = parse_aspect)]
+    #[arg(long, value_name = "W:H", default_value = "16:9", value_parser = parse_aspect, allow_hyphen_values = true)]
     aspect: f64,
     /// Shortest streak that counts, pixels.
     #[arg(long, value_name = "PX", default_value_t = 30.0)]

@@ -21,6 +21,7 @@ use std::time::Instant;
 
 /// Clouds lit by given lamps, from an asset: a picture of the scattered light, and per-cell fields on request.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -103,8 +104,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             report.lights_outside, report.lights, live.sweeps, live.seconds
         );
     }
-    let (_, width, image) =
-        fields.images.first().ok_or_else(|| BakeError::Failed("no picture was drawn".into()))?;
+    let (_, width, image) = fields.images.first().ok_or_else(|| BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
@@ -120,7 +120,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     ));
     let mut summary = json!({
         "tool": tool(),
-        "asset": args.asset,
+        "asset": args.asset.to_string_lossy(),
         "dims_xyz": relighter.cloud().shape.to_array(),
         "exposure": exposure,
         "seconds": start.elapsed().as_secs_f64(),
@@ -146,8 +146,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         return Ok(());
     }
     summary["command"] = json!("relight");
-    summary["picture"] = json!(args.out);
-    summary["fields"] = json!(args.field);
+    summary["picture"] = json!(args.out.to_string_lossy());
+    summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
     answer::answer(&summary)
 }
 

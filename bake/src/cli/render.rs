@@ -16,6 +16,7 @@ use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -126,8 +127,8 @@ fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds:
     json::answer(&json!({
         "command": "render",
         "tool": tool(),
-        "asset": args.asset,
-        "picture": args.out,
+        "asset": args.asset.to_string_lossy(),
+        "picture": args.out.to_string_lossy(),
         "size_px": [picture.width, picture.height],
         "frames": if report.is_some() { 1 } else { 2 * SHEET_RATES.len() },
         "lights": count(|report| report.lights),

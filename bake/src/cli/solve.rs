@@ -23,6 +23,7 @@ use std::time::Instant;
 
 /// The slow truth: fields and pictures of one light in a scene, without an asset.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The scene (SCENE.json).
     scene: PathBuf,
@@ -124,7 +125,7 @@ pub fn run(args: Args) -> Result<()> {
     let seconds = start.elapsed().as_secs_f64();
     let mut summary = json!({
         "tool": tool(),
-        "scene": args.scene,
+        "scene": args.scene.to_string_lossy(),
         "lamp": args.lamp,
         "dims_xyz": scene.cloud.shape.to_array(),
         "seconds": seconds,
@@ -148,7 +149,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     summary["files"] = json!(files);
     summary["command"] = json!("solve");
-    summary["folder"] = json!(args.out);
+    summary["folder"] = json!(args.out.to_string_lossy());
     answer::answer(&summary)
 }
 

@@ -1,6 +1,6 @@
 //! `squall streaks fit PICTURE… [--method M] [--cosines N] [--json] [--preview PICTURE]`
 
-use squall_bake::input::picture::read_grey;
+use squall_bake::input::picture::{grey_of, picture_file};
 use squall_bake::output;
 use squall_bake::streak::{self, FitSettings, Method, Source, preview};
 use std::path::PathBuf;
@@ -14,10 +14,14 @@ pub enum Command {
 
 /// `squall streaks fit`
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Fit {
-    /// Pictures, PNG or OpenEXR; samples are taken as linear light.
+    /// Pictures, PNG or OpenEXR. Samples become light as a PNG's colour chunks say; without any they are light.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
+    /// Layer of OpenEXR pictures, where several would do: a part's name, or what stands before R, G and B.
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
     /// How to fit.
     #[arg(long, default_value = "edges", value_parser = method)]
     method: Method,
@@ -54,7 +58,15 @@ pub fn run(command: Command) -> anyhow::Result<()> {
 }
 
 fn fit(args: &Fit) -> anyhow::Result<()> {
-    let pictures = args.pictures.iter().map(|path| read_grey(path)).collect::<Result<Vec<_>, _>>()?;
+    let (mut pictures, mut taken) = (Vec::new(), Vec::new());
+    for path in &args.pictures {
+        let one = grey_of(&picture_file(path)?, args.layer.as_deref())?;
+        if one.assumed {
+            eprintln!("note: {}: taken as {}", path.display(), one.how);
+        }
+        pictures.push(one.picture);
+        taken.push(one.how);
+    }
     let sources: Vec<Source> = args
         .pictures
         .iter()
@@ -67,12 +79,13 @@ fn fit(args: &Fit) -> anyhow::Result<()> {
         let sheet = preview::contact_sheet(&pictures, &patterns);
         output::write_atomically(path, |out| preview::write_png8(&sheet, out))?;
     }
-    let lines = sources.iter().zip(&patterns);
+    let lines = sources.iter().zip(&patterns).zip(&taken);
     if args.json {
         let rows: Vec<serde_json::Value> = lines
-            .map(|(source, pattern)| {
+            .map(|((source, pattern), how)| {
                 serde_json::json!({
-                    "file": source.file,
+                    "file": source.file.to_string_lossy(),
+                    "taken_as": how,
                     "method": pattern.method.name(),
                     "terms": pattern.pattern.terms(),
                     "psnr_db": pattern.psnr_db,
@@ -85,7 +98,7 @@ fn fit(args: &Fit) -> anyhow::Result<()> {
         return Ok(());
     }
     say!("{:>9}  {:>5}  {:>7}  {:>6}  {:>5}  picture", "method", "terms", "PSNR dB", "SSIM", "bytes");
-    for (source, pattern) in lines {
+    for ((source, pattern), _) in lines {
         say!(
             "{:>9}  {:>5}  {:>7.2}  {:>6.3}  {:>5}  {}",
             pattern.method.name(),

@@ -31,6 +31,7 @@ pub enum Synth {
 
 /// Arguments of `squall synth stroke`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct StrokeArgs {
     /// The JSON file.
     #[arg(short, long, value_name = "OUT")]
@@ -57,6 +58,7 @@ pub struct StrokeArgs {
 
 /// Arguments of `squall synth streaks`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Streaks {
     /// Folder for the pictures; made if missing.
     #[arg(short, long, value_name = "DIR")]
@@ -74,6 +76,7 @@ pub struct Streaks {
 
 /// Arguments of `squall synth cloud`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Cloud {
     /// Name of the two files, without extension or with .json.
     #[arg(short, long, value_name = "OUT")]
@@ -105,6 +108,7 @@ enum Kind {
 
 /// Arguments of `squall synth town`.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Town {
     /// The JSON file.
     #[arg(short, long, value_name = "OUT")]
@@ -192,7 +196,8 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
         }
     };
     if in_json {
-        let answer = json!({ "command": name, "tool": tool(), "seed": seed, "files": files });
+        let names: Vec<_> = files.iter().map(|file| file.to_string_lossy()).collect();
+        let answer = json!({ "command": name, "tool": tool(), "seed": seed, "files": names });
         return json::answer(&answer);
     }
     for file in &files {

@@ -1,6 +1,6 @@
 //! The closing table of a bake.
 
-use squall_bake::storm::StageReport;
+use squall_bake::pipeline::StageReport;
 use std::fmt::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 /// Reads every byte of an asset and says whether it is whole.
 #[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// The asset.
     asset: PathBuf,
@@ -28,7 +29,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let done =
         super::asset::open_directory(&args.asset).and_then(|asset| verify::verify(&asset)).map_err(evaluate);
     if args.json {
-        let mut answer = json!({ "command": "verify", "tool": tool(), "asset": args.asset });
+        let mut answer =
+            json!({ "command": "verify", "tool": tool(), "asset": args.asset.to_string_lossy() });
         match &done {
             Ok(done) => {
                 answer["whole"] = json!(true);
@@ -67,7 +69,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn evaluate(error: RuntimeError) -> BakeError {
     match &error {
-        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Failed(error.to_string()),
+        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Damaged(error),
         _ => BakeError::Asset(error),
     }
 }

@@ -1,14 +1,19 @@
-//! Pictures: PNG of any colour type and depth, OpenEXR with RGB(A) or Y.
+//! Pictures: PNG of any colour type and depth, OpenEXR with RGB or Y.
 //!
-//! Sizes are checked before anything is allocated, and every sample is checked before it is used. Alpha
-//! multiplies: a picture is what it shows over black.
+//! A picture is what it shows over black, in linear light. PNG holds straight alpha, which multiplies; OpenEXR holds
+//! colour that alpha was multiplied into already, which is taken as it is. Sizes are checked before anything is
+//! allocated, and every sample is checked before it is used.
 
+mod layer;
+mod transfer;
+
+use super::{Input, MAX_PICTURE_BYTES};
 use crate::error::BakeError;
-use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
 use squall_runtime::picture::Picture;
-use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::Cursor;
 use std::path::Path;
+use transfer::Curve;
+pub use transfer::srgb_to_linear;
 
 /// Most pixels of a picture: 8192 × 8192.
 pub const MAX_PIXELS: u64 = 1 << 26;
@@ -30,25 +35,39 @@ pub struct Grey {
     pub pixels: Vec<f32>,
 }
 
-/// How a PNG's samples stand for light. EXR is linear by definition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Transfer {
-    /// Samples are proportional to light.
-    Linear,
-    /// Samples are sRGB-encoded.
-    Srgb,
-    /// 16 bits are linear, as this project writes them; fewer are sRGB, as cameras and painters write them.
-    ByDepth,
+/// A picture as it was read, and how its samples became light.
+#[derive(Clone, Debug)]
+pub struct Taken<T> {
+    /// The picture.
+    pub picture: T,
+    /// How it was taken, in words: its transfer curve and what says so, or its layer.
+    pub how: String,
+    /// Whether the file leaves that open, so that it is an assumption.
+    pub assumed: bool,
 }
 
 /// Reads a picture as linear grey scaled to a peak of 1, whole: the input of a streak fit.
 ///
-/// Samples of a PNG are taken as they are stored, whatever its depth or gamma tag: streak pictures are data,
-/// and a fit must answer for the numbers it was given. Colours count with Rec. 709 luminance.
-///
-/// Errors: [`read_rgb`]'s, a negative sample, a picture without light.
+/// Errors: [`rgb_of`]'s, a negative sample, a picture without light.
 pub fn read_grey(path: &Path) -> Result<Grey, BakeError> {
-    let colour = read_rgb(path, Transfer::Linear)?;
+    Ok(grey_of(&picture_file(path)?, None)?.picture)
+}
+
+/// Reads a picture's file, of at most 2 GiB. Of a file that is no picture by its first bytes, nothing else is read.
+///
+/// Errors: no such file, a longer one, the system's refusal.
+pub fn picture_file(path: &Path) -> Result<Input, BakeError> {
+    let is_picture = |start: &[u8]| start.starts_with(&PNG_SIGNATURE) || start.starts_with(&EXR_SIGNATURE);
+    Input::read_if(path, MAX_PICTURE_BYTES, is_picture)
+}
+
+/// The grey picture, scaled to a peak of 1, of a file that was read already. Colours count with Rec. 709 luminance. `layer` names
+/// a layer of an EXR.
+///
+/// Errors: [`rgb_of`]'s, a negative sample, a picture without light.
+pub fn grey_of(input: &Input, layer: Option<&str>) -> Result<Taken<Grey>, BakeError> {
+    let path = input.path.as_path();
+    let Taken { picture: colour, how, assumed } = rgb_of(input, layer)?;
     let mut grey = Vec::with_capacity(colour.pixels.len());
     let mut peak = 0.0;
     for (i, pixel) in colour.pixels.iter().enumerate() {
@@ -64,27 +83,31 @@ pub fn read_grey(path: &Path) -> Result<Grey, BakeError> {
         return Err(BakeError::input(path, "picture", "some light", "every pixel black or transparent"));
     }
     let pixels = grey.iter().map(|light| (light / peak) as f32).collect();
-    Ok(Grey { width: colour.width, height: colour.height, pixels })
+    Ok(Taken { picture: Grey { width: colour.width, height: colour.height, pixels }, how, assumed })
 }
 
-/// Reads a picture as linear RGB, alpha multiplied in. An EXR gives the first layer that has R, G and B or
-/// Y, its data window alone; negative samples pass, as filters of renderers make them.
+/// The picture in linear RGB, as it shows over black, of a file that was read already.
+///
+/// A PNG's samples become light as its cICP, iCCP, sRGB or gAMA chunk says, the first of these that it has; samples of one
+/// without are taken as they are stored, because streak pictures are data. An EXR gives the layer called `layer`, its data window
+/// alone; negative samples pass, as filters of renderers make them.
 ///
 /// Errors: no PNG and no EXR by its first bytes, damaged or cut short, empty, above [`MAX_PIXELS`], deep or
-/// subsampled EXR, samples that are no finite numbers.
-pub fn read_rgb(path: &Path, transfer: Transfer) -> Result<Picture, BakeError> {
-    let mut file = BufReader::new(File::open(path).map_err(BakeError::io(path, "open"))?);
-    let mut signature = Vec::with_capacity(8);
-    file.by_ref().take(8).read_to_end(&mut signature).map_err(BakeError::io(path, "read"))?;
-    file.seek(SeekFrom::Start(0)).map_err(BakeError::io(path, "read"))?;
-    if signature == PNG_SIGNATURE {
-        return read_png(path, file, transfer);
+/// subsampled EXR, samples that are no finite numbers, a layer that is not there, several layers and none named, a transfer curve
+/// that this build does not know.
+pub fn rgb_of(input: &Input, layer: Option<&str>) -> Result<Taken<Picture>, BakeError> {
+    let path = input.path.as_path();
+    if input.bytes.starts_with(&PNG_SIGNATURE) {
+        if let Some(layer) = layer {
+            let wanted = "an OpenEXR picture with layers";
+            return Err(BakeError::input(path, "layer", wanted, format!("a PNG, for layer \"{layer}\"")));
+        }
+        return read_png(input);
     }
-    if signature.starts_with(&EXR_SIGNATURE) {
-        return read_exr(path, file);
+    if input.bytes.starts_with(&EXR_SIGNATURE) {
+        return layer::read_exr(input, layer);
     }
-    let found = format!("a file that starts with {:?}", signature.escape_ascii().to_string());
-    Err(BakeError::input(path, "format", "a PNG or OpenEXR picture", found))
+    Err(BakeError::input(path, "format", "a PNG or OpenEXR picture", input.kind()))
 }
 
 fn check_size(path: &Path, width: u64, height: u64) -> Result<(), BakeError> {
@@ -97,13 +120,11 @@ fn check_size(path: &Path, width: u64, height: u64) -> Result<(), BakeError> {
     }
 }
 
-fn read_png(path: &Path, file: BufReader<File>, transfer: Transfer) -> Result<Picture, BakeError> {
-    let damaged = |error: png::DecodingError| match error {
-        png::DecodingError::IoError(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => {
-            BakeError::io(path, "read")(source)
-        }
-        error => BakeError::input(path, "PNG", "a whole, undamaged picture", error),
-    };
+fn read_png(input: &Input) -> Result<Taken<Picture>, BakeError> {
+    let path = input.path.as_path();
+    let damaged =
+        |error: png::DecodingError| BakeError::input(path, "PNG", "a whole, undamaged picture", error);
+    let file = Cursor::new(input.bytes.as_slice());
     let mut decoder = png::Decoder::new_with_limits(file, png::Limits { bytes: PNG_WORKING_BYTES });
     // Palettes become colours, a transparent colour becomes alpha, fewer than 8 bits become 8.
     decoder.set_transformations(png::Transformations::EXPAND);
@@ -112,6 +133,7 @@ fn read_png(path: &Path, file: BufReader<File>, transfer: Transfer) -> Result<Pi
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (width, height) = (reader.info().width as usize, reader.info().height as usize);
     let wide = reader.output_color_type().1 == png::BitDepth::Sixteen;
+    let Curve { curve, how, assumed } = Curve::of(path, reader.info())?;
     let channels = reader.output_color_type().0.samples();
     let size = reader.output_buffer_size();
     let size =
@@ -119,11 +141,6 @@ fn read_png(path: &Path, file: BufReader<File>, transfer: Transfer) -> Result<Pi
     let mut bytes = vec![0; size];
     reader.next_frame(&mut bytes).map_err(damaged)?;
 
-    let curve = match transfer {
-        Transfer::Linear => false,
-        Transfer::Srgb => true,
-        Transfer::ByDepth => !wide,
-    };
     let depth = if wide { 2 } else { 1 };
     let sample = |at: usize| {
         if wide {
@@ -132,7 +149,6 @@ fn read_png(path: &Path, file: BufReader<File>, transfer: Transfer) -> Result<Pi
             f64::from(bytes[at]) / 255.0
         }
     };
-    let light = |at: usize| if curve { srgb_to_linear(sample(at)) } else { sample(at) };
     debug_assert_eq!(bytes.len(), width * height * channels * depth);
     let mut picture = Picture::new(width, height)?;
     for (i, pixel) in picture.pixels.iter_mut().enumerate() {
@@ -140,108 +156,10 @@ fn read_png(path: &Path, file: BufReader<File>, transfer: Transfer) -> Result<Pi
         let alpha = if channels % 2 == 0 { sample(at + channels - 1) } else { 1.0 };
         for (c, out) in pixel.iter_mut().enumerate() {
             let colour = if channels > 2 { c } else { 0 };
-            *out = (light(at + colour) * alpha) as f32;
+            *out = (curve.light(sample(at + colour)) * alpha) as f32;
         }
     }
-    Ok(picture)
-}
-
-/// Light of an sRGB sample (IEC 61966-2-1), both in [0, 1].
-pub fn srgb_to_linear(sample: f64) -> f64 {
-    if sample <= 0.040_45 { sample / 12.92 } else { libm::pow((sample + 0.055) / 1.055, 2.4) }
-}
-
-fn read_exr(path: &Path, file: BufReader<File>) -> Result<Picture, BakeError> {
-    let damaged = |error: exr::error::Error| match error {
-        exr::error::Error::Io(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => {
-            BakeError::io(path, "read")(source)
-        }
-        error => BakeError::input(path, "EXR", "a whole, undamaged picture", error),
-    };
-    let chunks = exr::block::read(file, false).map_err(damaged)?;
-    if chunks.headers().iter().any(|header| header.deep) {
-        return Err(BakeError::input(path, "EXR", "flat pixels", "deep data"));
-    }
-    let Some((header, colours, alpha)) = chunks.headers().iter().find_map(|header| {
-        let names: Vec<String> =
-            header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
-        usable_channels(&names).map(|(colours, alpha)| (header, colours, alpha))
-    }) else {
-        let found = chunks.headers().iter().flat_map(|header| &header.channels.list);
-        let found = found.map(|channel| channel.name.to_string()).collect::<Vec<_>>().join(", ");
-        return Err(BakeError::input(path, "EXR", "a layer with channels R, G and B, or Y", found));
-    };
-    check_size(path, header.layer_size.0 as u64, header.layer_size.1 as u64)?;
-    if header.channels.list.iter().any(|channel| channel.sampling != exr::math::Vec2(1, 1)) {
-        return Err(BakeError::input(path, "EXR", "every channel at full resolution", "subsampled channels"));
-    }
-    let (width, height) = (header.layer_size.0, header.layer_size.1);
-    let mut picture = Picture::new(width, height)?;
-    let flat = exr::prelude::read().no_deep_data().largest_resolution_level();
-    let blank = move || vec![[0.0f32; 4]; width * height];
-    let place = move |at: exr::math::Vec2<usize>| at.1 * width + at.0;
-    let pixels = match <[String; 3]>::try_from(colours) {
-        Ok([r, g, b]) => {
-            flat.specific_channels()
-                .required(r.as_str())
-                .required(g.as_str())
-                .required(b.as_str())
-                .optional(alpha.as_str(), 1.0f32)
-                .collect_pixels(
-                    move |_, _| blank(),
-                    move |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| {
-                        pixels[place(at)] = [r, g, b, a];
-                    },
-                )
-                .first_valid_layer()
-                .all_attributes()
-                .from_chunks(chunks)
-                .map_err(damaged)?
-                .layer_data
-                .channel_data
-                .pixels
-        }
-        Err(grey) => {
-            flat.specific_channels()
-                .required(grey[0].as_str())
-                .optional(alpha.as_str(), 1.0f32)
-                .collect_pixels(
-                    move |_, _| blank(),
-                    move |pixels, at, (y, a): (f32, f32)| pixels[place(at)] = [y, y, y, a],
-                )
-                .first_valid_layer()
-                .all_attributes()
-                .from_chunks(chunks)
-                .map_err(damaged)?
-                .layer_data
-                .channel_data
-                .pixels
-        }
-    };
-    for (i, (out, &[r, g, b, a])) in picture.pixels.iter_mut().zip(&pixels).enumerate() {
-        let colour = [r * a, g * a, b * a];
-        if !colour.iter().all(|sample| sample.is_finite()) {
-            let place = format!("pixel ({}, {})", i % width, i / width);
-            return Err(BakeError::input(path, place, "finite samples", format!("{:?}", [r, g, b, a])));
-        }
-        *out = colour;
-    }
-    Ok(picture)
-}
-
-/// Names of the colour channels (three or one) and of the alpha that belongs to them: without a prefix if
-/// possible, else those of the first layer prefix ("diffuse.R") that has them.
-fn usable_channels(names: &[String]) -> Option<(Vec<String>, String)> {
-    let prefixes = names.iter().map(|name| name.rfind('.').map_or("", |dot| &name[..=dot]));
-    let has = |name: &String| names.contains(name);
-    std::iter::once("").chain(prefixes).find_map(|prefix| {
-        let named =
-            |letters: &[&str]| letters.iter().map(|letter| format!("{prefix}{letter}")).collect::<Vec<_>>();
-        [named(&["R", "G", "B"]), named(&["Y"])]
-            .into_iter()
-            .find(|channels| channels.iter().all(has))
-            .map(|channels| (channels, format!("{prefix}A")))
-    })
+    Ok(Taken { picture, how, assumed })
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 //! SCENE.json, LAMPS.json and CAMERA.json: a grid with its optics, lights and cameras.
 
 use crate::error::BakeError;
-use crate::input::{read_grid, read_json};
+use crate::input::facts::{self, Order};
+use crate::input::json::{parse_json, read_text_input};
+use crate::input::{Fingerprint, Grid, read_grid_file, read_json};
+pub use crate::recipe::model::Optics;
 use glam::DVec3;
 use serde::Deserialize;
 use squall_formats::GridShape;
@@ -17,8 +20,8 @@ use std::path::{Path, PathBuf};
 pub struct Scene {
     /// The file it came from.
     pub file: PathBuf,
-    /// The grid that the scene names, and every other file that belongs to it.
-    pub inputs: Vec<PathBuf>,
+    /// Every file that was read for it, as it was when it was read: the scene's own, then the grid that it names.
+    pub inputs: Vec<Fingerprint>,
     /// Extinction grid and optics.
     pub cloud: Cloud,
     /// Lights, in the file's order.
@@ -43,7 +46,9 @@ impl Scene {
     }
 }
 
+/// Keys of SCENE.json. Those from `note` on describe: they change nothing, but facts among them are checked.
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct SceneFile {
     dims_xyz: Option<[u32; 3]>,
     cell_m: Option<CellSize>,
@@ -59,6 +64,14 @@ struct SceneFile {
     #[serde(default)]
     cameras: Vec<CameraFile>,
     analytic_shape: Option<serde_json::Value>,
+    #[serde(rename = "name")]
+    _name: Option<String>,
+    #[serde(rename = "note")]
+    _note: Option<serde_json::Value>,
+    units: Option<serde_json::Value>,
+    index: Option<String>,
+    interpolation: Option<String>,
+    sigma_t_max_per_m: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -69,6 +82,7 @@ enum CellSize {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct LightFile {
     name: Option<String>,
     #[serde(rename = "type")]
@@ -79,9 +93,12 @@ struct LightFile {
     direction: Option<[f64; 3]>,
     #[serde(rename = "irradiance_W_per_m2")]
     irradiance: Option<f64>,
+    #[serde(rename = "note")]
+    _note: Option<serde_json::Value>,
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct CameraFile {
     name: Option<String>,
     #[serde(rename = "type")]
@@ -96,78 +113,28 @@ struct CameraFile {
     half_height_m: Option<f64>,
     width: u32,
     height: u32,
+    #[serde(rename = "note")]
+    _note: Option<serde_json::Value>,
 }
 
-/// Optics for scenes that leave them out, where a command brings its own.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Optics {
-    /// Single-scattering albedo.
-    pub albedo: Option<f64>,
-    /// Asymmetry parameter.
-    pub g: Option<f64>,
-    /// Extinction of density 1, 1/m.
-    pub kappa_per_m: Option<f64>,
+const SCENE: &str = "a scene (SCENE.json)";
+
+/// The files that a scene stands in: its own, then the grid that it names. The grid is not read.
+///
+/// Errors: a scene that cannot be read, or names no grid.
+pub fn scene_files(path: &Path) -> Result<[PathBuf; 2], BakeError> {
+    let file: SceneFile = read_json(path, SCENE)?;
+    Ok([path.to_owned(), beside(path, file.grid_file(path)?)])
 }
 
 /// Reads a scene and the grid that it names.
 ///
-/// `optics` override what the file says. Errors: anything missing, of another type or outside its range, and a scene
-/// that has shapes in place of a grid.
+/// `optics` override what the file says. Errors: anything missing, unknown, of another type or outside its range, a fact in words
+/// that is not so, and a scene that has shapes in place of a grid.
 pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
-    let file: SceneFile = read_json(path, "a scene (SCENE.json)")?;
-    let bad = |field: &str, wanted: &str, found: &dyn std::fmt::Display| {
-        BakeError::input(path, field, wanted, found)
-    };
-    let grid_file = match (&file.density_file, &file.extinction_file) {
-        (Some(grid), None) | (None, Some(grid)) => grid,
-        (Some(_), Some(_)) => return Err(bad("density_file and extinction_file", "one of the two", &"both")),
-        (None, None) => {
-            let found =
-                if file.analytic_shape.is_some() { "an analytic shape and no grid" } else { "neither" };
-            return Err(bad("density_file", "a grid: density_file or extinction_file", &found));
-        }
-    };
-    let [nx, ny, nz] = file.dims_xyz.ok_or_else(|| bad("dims_xyz", "three counts", &"nothing"))?;
-    let shape = GridShape::new(nx, ny, nz);
-    let Some(count) = shape.checked_len().filter(|&cells| cells <= MAX_CELLS) else {
-        return Err(bad("dims_xyz", "1 to 2^28 cells", &format!("{nx} × {ny} × {nz}")));
-    };
-    let cell_m = match file.cell_m {
-        Some(CellSize::Cube(edge)) => [edge; 3],
-        Some(CellSize::Box(edges)) => edges,
-        None => return Err(bad("cell_m", "an edge in metres, or three", &"nothing")),
-    };
-    let origin =
-        file.origin_m.ok_or_else(|| bad("origin_m", "the grid's corner, three metres", &"nothing"))?;
-    let kappa = if file.extinction_file.is_some() {
-        1.0
-    } else {
-        optics
-            .kappa_per_m
-            .or(file.kappa_per_m)
-            .ok_or_else(|| bad("kappa_per_m", "extinction of density 1, 1/m", &"nothing"))?
-    };
-    if !(0.0..=MOST_KAPPA).contains(&kappa) {
-        return Err(bad("kappa_per_m", "0 to 100, 1/m", &kappa));
-    }
-    let boundary = match file.boundary.as_deref() {
-        None | Some("open") => Boundary::Open,
-        Some("periodic_xy") => Boundary::PeriodicXy,
-        Some(other) => return Err(bad("boundary", "\"open\" or \"periodic_xy\"", &format!("\"{other}\""))),
-    };
-    let albedo = optics.albedo.or(file.albedo).ok_or_else(|| bad("albedo", "0 to 1", &"nothing"))?;
-    let g = optics.g.or(file.g).ok_or_else(|| bad("g", "between -1 and 1", &"nothing"))?;
-    let grid_path = beside(path, grid_file);
-    let extinction: Vec<f32> =
-        read_grid(&grid_path, count)?.into_iter().map(|rho| (f64::from(rho) * kappa) as f32).collect();
-    let longest = cell_m.iter().fold(0.0f64, |most, &edge| most.max(edge));
-    let densest = extinction.iter().fold(0.0f32, |most, &value| most.max(value));
-    if f64::from(densest) * longest > MOST_DEPTH {
-        let found = format!("{:.3e}", f64::from(densest) * longest);
-        return Err(bad("extinction", "cells of optical depth up to 10000", &found));
-    }
-    let cloud = Cloud { shape, cell_m, origin_m: DVec3::from_array(origin), extinction, albedo, g, boundary };
-    let cloud = cloud.checked().map_err(|error| named(path, error))?;
+    let input = read_text_input(path)?;
+    let file: SceneFile = parse_json(&input, SCENE)?;
+    let (cloud, grid) = file.cloud(path, optics)?;
     let mut lights = Vec::new();
     for (i, light) in file.lights.iter().enumerate() {
         let name = light.name.clone().unwrap_or_else(|| format!("light{i}"));
@@ -180,7 +147,135 @@ pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
     }
     check_names(path, "lights", lights.iter().map(|(name, _)| name))?;
     check_names(path, "cameras", cameras.iter().map(|(name, _)| name))?;
-    Ok(Scene { file: path.to_owned(), inputs: vec![grid_path], cloud, lights, cameras })
+    Ok(Scene { file: path.to_owned(), inputs: vec![input.fingerprint(), grid], cloud, lights, cameras })
+}
+
+impl SceneFile {
+    /// The grid's file, as it is named.
+    fn grid_file(&self, path: &Path) -> Result<&Path, BakeError> {
+        match (&self.density_file, &self.extinction_file) {
+            (Some(grid), None) | (None, Some(grid)) => Ok(grid),
+            (Some(_), Some(_)) => {
+                Err(BakeError::input(path, "density_file and extinction_file", "one of the two", "both"))
+            }
+            (None, None) => {
+                let shape = self.analytic_shape.is_some();
+                let found = if shape { "an analytic shape and no grid" } else { "neither" };
+                Err(BakeError::input(path, "density_file", "a grid: density_file or extinction_file", found))
+            }
+        }
+    }
+
+    /// Refuses what the file says of itself in words where that is not so; the grid's order otherwise.
+    fn facts(&self, path: &Path) -> Result<Order, BakeError> {
+        let bad = |field: &str, (wanted, found): facts::Refusal| BakeError::input(path, field, wanted, found);
+        if let Some(units) = &self.units {
+            facts::units(units).map_err(|refusal| bad("units", refusal))?;
+        }
+        if let Some(stated) = &self.interpolation {
+            facts::interpolation(stated).map_err(|refusal| bad("interpolation", refusal))?;
+        }
+        let order = self.index.as_deref().map_or(Ok(Order::XFastest), facts::order);
+        order.map_err(|refusal| bad("index", refusal))
+    }
+
+    /// The cloud, and which file its grid came from.
+    fn cloud(&self, path: &Path, optics: Optics) -> Result<(Cloud, Fingerprint), BakeError> {
+        let bad = |field: &str, wanted: &str, found: &dyn std::fmt::Display| {
+            BakeError::input(path, field, wanted, found)
+        };
+        let grid_file = self.grid_file(path)?;
+        let order = self.facts(path)?;
+        let [nx, ny, nz] = self.dims_xyz.ok_or_else(|| bad("dims_xyz", "three counts", &"nothing"))?;
+        let shape = GridShape::new(nx, ny, nz);
+        let Some(count) = shape.checked_len().filter(|&cells| cells <= MAX_CELLS) else {
+            return Err(bad("dims_xyz", "1 to 2^28 cells", &format!("{nx} × {ny} × {nz}")));
+        };
+        let cell_m = match self.cell_m {
+            Some(CellSize::Cube(edge)) => [edge; 3],
+            Some(CellSize::Box(edges)) => edges,
+            None => return Err(bad("cell_m", "an edge in metres, or three", &"nothing")),
+        };
+        let origin =
+            self.origin_m.ok_or_else(|| bad("origin_m", "the grid's corner, three metres", &"nothing"))?;
+        let boundary = match self.boundary.as_deref() {
+            None | Some("open") => Boundary::Open,
+            Some("periodic_xy") => Boundary::PeriodicXy,
+            Some(other) => {
+                return Err(bad("boundary", "\"open\" or \"periodic_xy\"", &format!("\"{other}\"")));
+            }
+        };
+        let albedo = optics.albedo.or(self.albedo).ok_or_else(|| bad("albedo", "0 to 1", &"nothing"))?;
+        let g = optics.g.or(self.g).ok_or_else(|| bad("g", "between -1 and 1", &"nothing"))?;
+        let kappa = self.kappa(path, optics)?;
+        let grid = read_grid_file(&beside(path, grid_file), count)?;
+        let extinction = self.extinction(path, &grid, kappa, cell_m)?;
+        if let (Some(stated), None) = (self.sigma_t_max_per_m, optics.kappa_per_m) {
+            let densest = extinction.iter().fold(0.0f32, |most, &value| most.max(value));
+            facts::largest_extinction(stated, f64::from(densest))
+                .map_err(|(wanted, found)| bad("sigma_t_max_per_m", wanted, &found))?;
+        }
+        let extinction = match order {
+            Order::XFastest => extinction,
+            Order::ZFastest => x_fastest(&extinction, [nx, ny, nz].map(|n| n as usize)),
+        };
+        let cloud =
+            Cloud { shape, cell_m, origin_m: DVec3::from_array(origin), extinction, albedo, g, boundary };
+        Ok((cloud.checked().map_err(|error| named(path, error))?, grid.input))
+    }
+
+    /// Extinction of density 1, 1/m.
+    fn kappa(&self, path: &Path, optics: Optics) -> Result<f64, BakeError> {
+        if self.extinction_file.is_some() {
+            return Ok(1.0);
+        }
+        let wanted = "extinction of density 1, 0 or more, 1/m";
+        match optics.kappa_per_m.or(self.kappa_per_m) {
+            Some(kappa) if kappa >= 0.0 && kappa.is_finite() => Ok(kappa),
+            Some(kappa) => Err(BakeError::input(path, "kappa_per_m", wanted, kappa)),
+            None => Err(BakeError::input(path, "kappa_per_m", wanted, "nothing")),
+        }
+    }
+
+    /// Extinction of every cell, 1/m, in the file's order. What is bounded is what matters: the extinction, and a cell's optical
+    /// depth; density and kappa may have any units that cancel.
+    fn extinction(
+        &self,
+        path: &Path,
+        grid: &Grid,
+        kappa: f64,
+        cell_m: [f64; 3],
+    ) -> Result<Vec<f32>, BakeError> {
+        let densest = grid.values.iter().fold(0.0f32, |most, &rho| most.max(rho));
+        let extinction = f64::from(densest) * kappa;
+        let longest = cell_m.iter().fold(0.0f64, |most, &edge| most.max(edge));
+        let from = match self.extinction_file {
+            Some(_) => String::new(),
+            None => format!(" (density {densest} × kappa_per_m {kappa})"),
+        };
+        if extinction > MOST_EXTINCTION {
+            let wanted = format!("at most {MOST_EXTINCTION}, 1/m");
+            return Err(BakeError::input(path, "extinction", wanted, format!("{extinction:.3e}{from}")));
+        }
+        if extinction * longest > MOST_DEPTH {
+            let wanted = format!("cells of optical depth up to {MOST_DEPTH}");
+            let found =
+                format!("{:.3e}, of {extinction:.3e} 1/m{from} over {longest} m", extinction * longest);
+            return Err(BakeError::input(path, "extinction", wanted, found));
+        }
+        Ok(grid.values.iter().map(|&rho| (f64::from(rho) * kappa) as f32).collect())
+    }
+}
+
+/// A grid whose file has z fastest, with x fastest.
+fn x_fastest(values: &[f32], [nx, ny, nz]: [usize; 3]) -> Vec<f32> {
+    let mut out = Vec::with_capacity(values.len());
+    for z in 0..nz {
+        for y in 0..ny {
+            out.extend((0..nx).map(|x| values[(x * ny + y) * nz + z]));
+        }
+    }
+    out
 }
 
 /// Names tell lights and cameras apart, on the command line and in the names of files.
@@ -204,15 +299,15 @@ fn check_names<'a>(
     Ok(())
 }
 
-/// Extinction of density 1 beyond which a unit was mistaken, 1/m.
-const MOST_KAPPA: f64 = 100.0;
+/// Extinction beyond which a unit was mistaken, 1/m: milk has some 10³, the densest fog .1.
+const MOST_EXTINCTION: f64 = 1e5;
 /// Optical depth of one cell beyond which nothing inside it can be told apart, and solving takes for ever.
 const MOST_DEPTH: f64 = 1e4;
 
 /// More cells than this are refused before memory is taken.
 const MAX_CELLS: usize = 1 << 28;
 
-/// Reads LAMPS.json: a list of point sources. Keys other than position and intensity are for people.
+/// Reads LAMPS.json: a list of point lights. Keys `name` and `note` are for people.
 pub fn read_lights(path: &Path) -> Result<Vec<PointLight>, BakeError> {
     let list: Vec<LightFile> = read_json(path, "a list of lamps (LAMPS.json)")?;
     let point = |(i, light): (usize, &LightFile)| {

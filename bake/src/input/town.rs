@@ -1,6 +1,8 @@
 //! A town as JSON: the `TOWN` section with units in the keys and degrees for turns.
 
 use crate::error::BakeError;
+use crate::input::Input;
+use crate::input::json::{parse_json, read_text_input};
 use serde::{Deserialize, Serialize};
 use squall_formats::section::town::{Block, Ground, HeightMap, Road, StreetLamp, TownSection, Windows};
 use squall_formats::{Limits, ReadError};
@@ -189,14 +191,16 @@ impl TownFile {
     }
 }
 
-/// Reads a town file. Errors: missing or unreadable, no JSON of a town (with line and column), a value outside
+/// Reads a town file. Errors: missing or unreadable, no JSON of a town (with line and column), an unknown key, a value outside
 /// its range.
 pub fn read_town(file: &Path) -> Result<TownSection, BakeError> {
-    let text = std::fs::read_to_string(file).map_err(BakeError::io(file, "read"))?;
-    let read: TownFile = serde_json::from_str(&text).map_err(|error| {
-        let place = format!("line {}, column {}", error.line(), error.column());
-        BakeError::input(file, place, "a town (ground, blocks, lamps, hills)", error)
-    })?;
+    town_of(&read_text_input(file)?)
+}
+
+/// The town of a file that was read already. Errors: as [`read_town`].
+pub fn town_of(input: &Input) -> Result<TownSection, BakeError> {
+    let file = input.path.as_path();
+    let read: TownFile = parse_json(input, "a town (ground, blocks, lamps, hills)")?;
     let town = read.into_section(file)?;
     town.validate(&Limits::default()).map_err(|error| match error {
         ReadError::Invalid { field, wanted, found, .. } => BakeError::input(file, field, wanted, found),
@@ -269,8 +273,11 @@ mod tests {
         let (_folder, path) = write(good);
         assert!(read_town(&path).is_ok());
         for (bad, says) in [
-            (good.replace("wetness", "wettness"), "unknown field `wettness`"),
-            (good.replace("0.2", "\"much\""), "line 1, column"),
+            (
+                good.replace("wetness", "wettness"),
+                "line 1 column 49: unknown key: wanted a known key; the nearest is `wetness`, found `wettness`",
+            ),
+            (good.replace("0.2", "\"much\""), "line 1 column"),
             (good.replace("0.2", "1.2"), "ground wetness, puddles and ripple"),
             (good[..50].to_string(), "line 1"),
         ] {

@@ -1,11 +1,9 @@
 //! `[clouds]` of a recipe, as it is typed and checked.
 
 use super::file::Number;
+use super::model::{CloudBudget, Clouds, Given, Keys, Optics, ResponseSettings, VirtualLights};
 use super::place::Source;
-use super::{Clouds, Lamps, RecipeError};
-use crate::budget::clouds::{CloudBudget, Given};
-use crate::input::scene::Optics;
-use crate::response::ResponseSettings;
+use crate::error::RecipeError;
 use serde::Deserialize;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind, SweepScheme};
 use squall_formats::view_region::ViewRegion;
@@ -29,8 +27,9 @@ pub(super) struct CloudsFile {
     response: ResponseFile,
     #[serde(default)]
     budget: BudgetFile,
-    #[serde(rename = "eyes")]
-    view_region: Option<ViewRegionFile>,
+    view_region: Option<Spanned<ViewRegionFile>>,
+    /// The older name of `view_region`.
+    eyes: Option<Spanned<ViewRegionFile>>,
 }
 
 #[derive(Deserialize)]
@@ -84,7 +83,9 @@ enum SchemeName {
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct ResponseFile {
-    channels: Option<Spanned<ChannelsName>>,
+    basis: Option<Spanned<BasisName>>,
+    /// The older name of `basis`.
+    channels: Option<Spanned<BasisName>>,
     direct: Option<DirectName>,
     codec: Option<CodecName>,
     error: Option<Number>,
@@ -95,7 +96,7 @@ struct ResponseFile {
 }
 
 #[derive(Clone, Copy, Deserialize)]
-enum ChannelsName {
+enum BasisName {
     #[serde(rename = "directions-26")]
     Directions26,
     #[serde(rename = "harmonics-0")]
@@ -106,11 +107,11 @@ enum ChannelsName {
     Harmonics2,
     #[serde(rename = "harmonics-3")]
     Harmonics3,
-    #[serde(rename = "eyes-0")]
+    #[serde(rename = "view-region-0", alias = "eyes-0")]
     ViewRegion0,
-    #[serde(rename = "eyes-1")]
+    #[serde(rename = "view-region-1", alias = "eyes-1")]
     ViewRegion1,
-    #[serde(rename = "eyes-2")]
+    #[serde(rename = "view-region-2", alias = "eyes-2")]
     ViewRegion2,
 }
 
@@ -150,102 +151,105 @@ pub fn parse_directions(name: &str) -> Option<Quadrature> {
 }
 
 impl CloudsFile {
-    /// `has_strokes`: whether the recipe has strokes that lamps can be pruned to.
+    /// `has_strokes`: whether the recipe has strokes that virtual lights can be pruned to.
     pub(super) fn check(self, has_strokes: bool, source: &Source) -> Result<Clouds, RecipeError> {
         let optics = Optics {
             albedo: source.optional("clouds.albedo", &self.albedo, [0.0, 1.0], "")?,
             g: source.optional("clouds.g", &self.g, [-0.999, 0.999], "")?,
-            kappa_per_m: source.optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 100.0], "1/m")?,
+            kappa_per_m: source.optional("clouds.kappa_per_m", &self.kappa_per_m, [0.0, 1e12], "1/m")?,
         };
-        let response = &self.response;
-        let mut distant: Vec<DistantKind> = response
-            .distant
-            .iter()
-            .flatten()
-            .map(|name| match name {
-                DistantName::UpperSky => DistantKind::UpperSky,
-                DistantName::LowerSky => DistantKind::LowerSky,
-            })
-            .collect();
-        if let Some(sun) = &response.sun_direction {
-            let direction = glam::DVec3::from_array(*sun.get_ref()).try_normalize();
-            let field = "clouds.response.sun_direction";
-            let direction = direction.ok_or_else(|| {
-                source.error(
-                    sun.span(),
-                    field,
-                    "a finite vector that is not zero",
-                    format!("{:?}", sun.get_ref()),
-                )
-            })?;
-            distant.push(DistantKind::Beam { direction: direction.to_array() });
-        }
-        let budget = CloudBudget {
-            stroke_l2: source.optional("clouds.budget.stroke_l2", &self.budget.stroke_l2, [1e-4, 1.0], "")?,
-            relit_l2: source.optional("clouds.budget.relit_l2", &self.budget.relit_l2, [1e-5, 1.0], "")?,
-            solver_l2: source.optional("clouds.budget.solver_l2", &self.budget.solver_l2, [1e-4, 1.0], "")?,
-            bytes: source
-                .optional("clouds.budget.bytes", &self.budget.bytes, [1e3, 1e12], "")?
-                .map(|v| v as u64),
-            relight_ms: source.optional(
-                "clouds.budget.relight_ms",
-                &self.budget.relight_ms,
-                [1e-3, 1e5],
-                "ms",
-            )?,
-        };
+        let keys = self.keys(source)?;
+        let budget = self.budget.check(source)?;
         let mut lights = self.lightning.check(source)?;
         let mut settings = self.settings(source)?;
-        settings.view_region = self.view_region(source)?;
-        if let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.channels, &response.channels) {
-            let wanted = match (settings.view_region, settings.direct) {
-                (None, _) => Some(("[clouds.eyes] beside channels towards eyes", "none")),
-                (_, DirectTerm::InRows) => {
-                    Some(("direct = \"run-time\" beside channels towards eyes", "\"rows\""))
-                }
-                _ => None,
-            };
-            if let Some((wanted, found)) = wanted {
-                return Err(source.error(name.span(), "clouds.response.channels", wanted, found));
-            }
-        }
-        // Whoever says what is good enough, or who looks, has no use for what nobody can reach.
-        if budget.judges() || settings.view_region.is_some() {
-            settings.seen_only = response.seen_only.unwrap_or(true);
+        settings.view_region = self.view_region(&keys, source)?;
+        self.check_basis(&settings, &keys, source)?;
+        // A recipe that says what is good enough, or from where it is looked at, has no use for what nobody can reach.
+        if budget.needs_held_out() || settings.view_region.is_some() {
+            settings.seen_only = self.response.seen_only.unwrap_or(true);
             let boxed = lights.low_m.is_some() || lights.high_m.is_some();
             lights.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
         }
+        let held_out = &self.response.test_strokes;
         Ok(Clouds {
             scene: source.beside("clouds.scene", &self.scene)?,
             optics,
             lights,
-            distant,
+            distant: self.response.distant(source)?,
             response: settings,
-            test_strokes: source.count("clouds.response.test_strokes", &response.test_strokes, 8, [0, 64])?,
+            held_out_strokes: source.count("clouds.response.test_strokes", held_out, 8, [0, 64])?,
             budget,
             given: Given {
                 spacing: self.lightning.spacing_m.is_some(),
-                channels: response.channels.is_some(),
-                error: response.error.is_some(),
+                basis: self.basis().is_some(),
+                error: self.response.error.is_some(),
                 solver: self.transport.directions.is_some() || self.transport.refine.is_some(),
             },
+            keys,
         })
     }
 
-    fn view_region(&self, source: &Source) -> Result<Option<ViewRegion>, RecipeError> {
-        let Some(view_region) = &self.view_region else { return Ok(None) };
-        let ViewRegionFile { low_m, high_m } = view_region;
-        for (field, corner) in [("clouds.eyes.low_m", low_m), ("clouds.eyes.high_m", high_m)] {
+    /// The names under which keys with two are typed. One may not be typed twice.
+    fn keys(&self, source: &Source) -> Result<Keys, RecipeError> {
+        let mut keys = Keys::default();
+        if let Some(eyes) = &self.eyes {
+            keys.view_region = "clouds.eyes";
+            if self.view_region.is_some() {
+                let wanted = "no second name of [clouds.view_region] beside it";
+                return Err(source.error(eyes.span(), keys.view_region, wanted, "both"));
+            }
+        }
+        if let Some(channels) = &self.response.channels {
+            keys.basis = "clouds.response.channels";
+            if self.response.basis.is_some() {
+                let wanted = "no second name of clouds.response.basis beside it";
+                return Err(source.error(channels.span(), keys.basis, wanted, "both"));
+            }
+        }
+        Ok(keys)
+    }
+
+    fn basis(&self) -> Option<&Spanned<BasisName>> {
+        self.response.basis.as_ref().or(self.response.channels.as_ref())
+    }
+
+    /// Refuses a basis towards a view region where there is none, or where rows hold light that it cannot.
+    fn check_basis(
+        &self,
+        settings: &ResponseSettings,
+        keys: &Keys,
+        source: &Source,
+    ) -> Result<(), RecipeError> {
+        let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.channels, self.basis()) else {
+            return Ok(());
+        };
+        let refused = |wanted: String, found: &str| Err(source.error(name.span(), keys.basis, wanted, found));
+        match (settings.view_region, settings.direct) {
+            (None, _) => {
+                refused(format!("[{}] beside a basis towards a view region", keys.view_region), "none")
+            }
+            (_, DirectTerm::InRows) => {
+                refused("direct = \"run-time\" beside a basis towards a view region".into(), "\"rows\"")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn view_region(&self, keys: &Keys, source: &Source) -> Result<Option<ViewRegion>, RecipeError> {
+        let Some(view_region) = self.view_region.as_ref().or(self.eyes.as_ref()) else { return Ok(None) };
+        let ViewRegionFile { low_m, high_m } = view_region.get_ref();
+        let corner = |name: &str| format!("{}.{name}", keys.view_region);
+        for (name, value) in [("low_m", low_m), ("high_m", high_m)] {
             // Written so that NaN is refused too.
-            if !corner.get_ref().iter().all(|v| v.abs() <= 1e6) {
-                let found = format!("{:?}", corner.get_ref());
-                return Err(source.error(corner.span(), field, "three numbers, -1e6 to 1e6 m", found));
+            if !value.get_ref().iter().all(|v| v.abs() <= 1e6) {
+                let found = format!("{:?}", value.get_ref());
+                return Err(source.error(value.span(), corner(name), "three numbers, -1e6 to 1e6 m", found));
             }
         }
         let (low, high) = (*low_m.get_ref(), *high_m.get_ref());
         if (0..3).any(|axis| low[axis] > high[axis]) {
             let found = format!("{high:?} beside low_m {low:?}");
-            return Err(source.error(high_m.span(), "clouds.eyes.high_m", "no less than low_m", found));
+            return Err(source.error(high_m.span(), corner("high_m"), "no less than low_m", found));
         }
         Ok(Some(ViewRegion { low_m: low, high_m: high }))
     }
@@ -280,20 +284,7 @@ impl CloudsFile {
             ..SolveSettings::default()
         };
         Ok(ResponseSettings {
-            channels: match response
-                .channels
-                .as_ref()
-                .map_or(ChannelsName::Harmonics1, |name| *name.get_ref())
-            {
-                ChannelsName::Directions26 => DirectionalBasis::Directions26,
-                ChannelsName::Harmonics0 => DirectionalBasis::Harmonics { degree: 0 },
-                ChannelsName::Harmonics1 => DirectionalBasis::Harmonics { degree: 1 },
-                ChannelsName::Harmonics2 => DirectionalBasis::Harmonics { degree: 2 },
-                ChannelsName::Harmonics3 => DirectionalBasis::Harmonics { degree: 3 },
-                ChannelsName::ViewRegion0 => DirectionalBasis::ViewRegion { degree: 0 },
-                ChannelsName::ViewRegion1 => DirectionalBasis::ViewRegion { degree: 1 },
-                ChannelsName::ViewRegion2 => DirectionalBasis::ViewRegion { degree: 2 },
-            },
+            channels: self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis(),
             direct: match response.direct.unwrap_or(DirectName::RunTime) {
                 DirectName::Rows => DirectTerm::InRows,
                 DirectName::RunTime => DirectTerm::AtRunTime,
@@ -307,9 +298,9 @@ impl CloudsFile {
                 &response.error,
                 0.01,
                 [0.0, 0.9],
-                "of a lamp's light",
+                "of a source's light",
             )?,
-            // Set where budget and eyes are known.
+            // Set where budget and view region are known.
             seen_only: response.seen_only.unwrap_or(false),
             view_region: None,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
@@ -319,8 +310,63 @@ impl CloudsFile {
     }
 }
 
+impl BasisName {
+    fn basis(self) -> DirectionalBasis {
+        match self {
+            Self::Directions26 => DirectionalBasis::Directions26,
+            Self::Harmonics0 => DirectionalBasis::Harmonics { degree: 0 },
+            Self::Harmonics1 => DirectionalBasis::Harmonics { degree: 1 },
+            Self::Harmonics2 => DirectionalBasis::Harmonics { degree: 2 },
+            Self::Harmonics3 => DirectionalBasis::Harmonics { degree: 3 },
+            Self::ViewRegion0 => DirectionalBasis::ViewRegion { degree: 0 },
+            Self::ViewRegion1 => DirectionalBasis::ViewRegion { degree: 1 },
+            Self::ViewRegion2 => DirectionalBasis::ViewRegion { degree: 2 },
+        }
+    }
+}
+
+impl ResponseFile {
+    fn distant(&self, source: &Source) -> Result<Vec<DistantKind>, RecipeError> {
+        let mut distant: Vec<DistantKind> = self
+            .distant
+            .iter()
+            .flatten()
+            .map(|name| match name {
+                DistantName::UpperSky => DistantKind::UpperSky,
+                DistantName::LowerSky => DistantKind::LowerSky,
+            })
+            .collect();
+        if let Some(sun) = &self.sun_direction {
+            let direction = glam::DVec3::from_array(*sun.get_ref()).try_normalize();
+            let field = "clouds.response.sun_direction";
+            let direction = direction.ok_or_else(|| {
+                source.error(
+                    sun.span(),
+                    field,
+                    "a finite vector that is not zero",
+                    format!("{:?}", sun.get_ref()),
+                )
+            })?;
+            distant.push(DistantKind::Beam { direction: direction.to_array() });
+        }
+        Ok(distant)
+    }
+}
+
+impl BudgetFile {
+    fn check(&self, source: &Source) -> Result<CloudBudget, RecipeError> {
+        Ok(CloudBudget {
+            stroke_l2: source.optional("clouds.budget.stroke_l2", &self.stroke_l2, [1e-4, 1.0], "")?,
+            relit_l2: source.optional("clouds.budget.relit_l2", &self.relit_l2, [1e-5, 1.0], "")?,
+            solver_l2: source.optional("clouds.budget.solver_l2", &self.solver_l2, [1e-4, 1.0], "")?,
+            bytes: source.optional("clouds.budget.bytes", &self.bytes, [1e3, 1e12], "")?.map(|v| v as u64),
+            relight_ms: source.optional("clouds.budget.relight_ms", &self.relight_ms, [1e-3, 1e5], "ms")?,
+        })
+    }
+}
+
 impl LightningFile {
-    fn check(&self, source: &Source) -> Result<Lamps, RecipeError> {
+    fn check(&self, source: &Source) -> Result<VirtualLights, RecipeError> {
         let corner = |field: &str, value: &Option<Spanned<[f64; 3]>>| match value {
             None => Ok(None),
             Some(value) if value.get_ref().iter().all(|v| v.abs() <= 1e6) => Ok(Some(*value.get_ref())),
@@ -340,7 +386,7 @@ impl LightningFile {
             return Err(source.error(value.span(), "clouds.lightning.high_m", "no less than low_m", found));
         }
         let metres = [1e-3, 1e6];
-        Ok(Lamps {
+        Ok(VirtualLights {
             low_m,
             high_m,
             spacing_m: source.number("clouds.lightning.spacing_m", &self.spacing_m, 0.0, metres, "m")?,

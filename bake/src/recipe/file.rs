@@ -1,18 +1,19 @@
 //! The recipe's text as it is typed, and its way to a checked [`Recipe`].
 
 use super::clouds::{CloudsFile, parse_directions};
+use super::model::{Clouds, DensitySpec, FitSettings, Rain, Recipe};
 use super::place::Source;
 use super::view::ViewFile;
-use super::{Clouds, Rain, Recipe, RecipeError};
-use crate::density::DensitySpec;
-use crate::error::BakeError;
+use crate::error::{BakeError, RecipeError};
 use crate::input::scene::beside;
-use crate::streak::{FitSettings, Method};
+use crate::input::without_mark;
 use serde::Deserialize;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::density::Ranges;
+use squall_formats::section::streak::Method;
 use squall_formats::section::view::ViewSection;
 use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
+use squall_formats::view_region::ViewRegion;
 use squall_runtime::transport::quadrature::Quadrature;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -66,6 +67,7 @@ struct DensityFile {
 #[serde(deny_unknown_fields, default)]
 struct StreaksFile {
     pictures: Option<Vec<Spanned<PathBuf>>>,
+    layer: Option<String>,
     method: Option<Spanned<String>>,
     cosines: Option<Number>,
     psnr_db: Option<Number>,
@@ -93,8 +95,8 @@ struct StrokeFile {
 
 /// Reads a recipe's text.
 pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
-    let source = Source { file: path, text: &text };
-    let file: RecipeFile = toml::from_str(&text).map_err(|error| source.refused_text(&error))?;
+    let source = Source { file: path, text: without_mark(&text) };
+    let file: RecipeFile = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;
     let has_strokes = !file.strokes.is_empty();
     let clouds = file.clouds.map(|clouds| clouds.check(has_strokes, &source)).transpose()?;
     let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
@@ -113,7 +115,7 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         strokes.push(record);
     }
     if let Some(clouds) = &clouds {
-        check_judges(clouds, !strokes.is_empty(), &source)?;
+        check_held_out(clouds, !strokes.is_empty(), &source)?;
     }
     let town = file.town.map(|town| source.beside("town.file", &town.file)).transpose()?;
     if clouds.is_none() && rain.is_none() && strokes.is_empty() && town.is_none() {
@@ -127,7 +129,8 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         && !view_region.contains(view.camera.position_m)
     {
         let span = source.locate(&["view", "position_m"]).unwrap_or(0..0);
-        let wanted = format!("within [clouds.eyes], {:?} to {:?}", view_region.low_m, view_region.high_m);
+        let ViewRegion { low_m, high_m } = view_region;
+        let wanted = format!("within [{}], {low_m:?} to {high_m:?}", clouds.keys.view_region);
         let found = format!("{:?}", view.camera.position_m);
         return Err(source.error(span, "view.position_m", wanted, found).into());
     }
@@ -142,9 +145,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, view })
 }
 
-/// Refuses what nothing could judge: a budget without test strokes, lamps pruned to strokes that are not there.
-fn check_judges(clouds: &Clouds, has_strokes: bool, source: &Source) -> Result<(), RecipeError> {
-    if clouds.budget.judges() && clouds.test_strokes == 0 {
+/// Refuses what nothing could confirm: a budget without held-out strokes, virtual lights pruned to strokes that are not there.
+fn check_held_out(clouds: &Clouds, has_strokes: bool, source: &Source) -> Result<(), RecipeError> {
+    if clouds.budget.needs_held_out() && clouds.held_out_strokes == 0 {
         let span = source.locate(&["clouds", "response", "test_strokes"]).unwrap_or(0..0);
         let wanted = "at least 1 beside [clouds.budget]";
         return Err(source.error(span, "clouds.response.test_strokes", wanted, 0));
@@ -167,8 +170,8 @@ fn check_view(
 
 /// Reads a file that holds a view alone.
 pub(super) fn read_view(path: &Path, text: &str, strokes: &[String]) -> Result<ViewSection, BakeError> {
-    let source = Source { file: path, text };
-    let file: ViewAlone = toml::from_str(text).map_err(|error| source.refused_text(&error))?;
+    let source = Source { file: path, text: without_mark(text) };
+    let file: ViewAlone = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;
     Ok(check_view(file.view, &source, strokes)?)
 }
 
@@ -243,7 +246,15 @@ impl Source<'_> {
         if path.is_file() {
             return Ok(path);
         }
-        Err(self.error(name.span(), field, "a file", format!("{}, which is not there", path.display())))
+        let why = match std::fs::metadata(&path) {
+            Ok(metadata) if metadata.is_dir() => "a folder",
+            Ok(_) => "neither a file nor a folder",
+            Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => {
+                "out of reach (no permission)"
+            }
+            Err(_) => "not there",
+        };
+        Err(self.error(name.span(), field, "a file", format!("{}, which is {why}", path.display())))
     }
 
     pub(super) fn directions(&self, value: &Spanned<String>) -> Result<Quadrature, RecipeError> {
@@ -333,7 +344,15 @@ impl RainFile {
         // What is said outright overrides the budget.
         let psnr_db = psnr_db.filter(|_| streaks.cosines.is_none());
         let method_given = streaks.method.is_some();
-        Ok(Rain { pictures, fit: FitSettings { method, cosines }, psnr_db, method_given, density: spec })
+        let layer = streaks.layer.clone();
+        Ok(Rain {
+            pictures,
+            layer,
+            fit: FitSettings { method, cosines },
+            psnr_db,
+            method_given,
+            density: spec,
+        })
     }
 }
 

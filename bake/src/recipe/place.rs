@@ -1,50 +1,33 @@
 //! Places in a recipe's text, and errors that point at them.
 
+use crate::error::RecipeError;
 use std::ops::Range;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
-/// What is wrong at one place of a recipe.
-#[derive(Clone, Debug)]
-pub struct RecipeError {
-    /// The recipe.
-    pub file: Box<Path>,
-    /// Its whole text.
-    pub text: Box<str>,
-    /// Bytes of the text that are meant.
-    pub span: Range<usize>,
-    /// Which key.
-    pub field: String,
-    /// What is accepted.
-    pub wanted: String,
-    /// What stands there.
-    pub found: String,
-}
-
-impl RecipeError {
-    /// Line and column of the place, counted from 1; columns in characters.
-    pub fn line_and_column(&self) -> (usize, usize) {
-        let before = &self.text[..self.floor(self.span.start)];
-        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
-        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
-    }
-
-    /// The start of the character that byte `at` lies in.
-    fn floor(&self, at: usize) -> usize {
-        let at = at.min(self.text.len());
-        (0..=at).rev().find(|&i| self.text.is_char_boundary(i)).unwrap_or(0)
+/// Keys of a recipe under which a record's `field` may have been typed, the likeliest first, and what is `wanted` in
+/// the units of those keys: records hold radians and seconds, recipes degrees and milliseconds.
+fn as_typed<'a>(field: &'a str, wanted: &'a str) -> (Vec<&'a str>, &'a str) {
+    /// 100 radians.
+    const TURNS: &str = "-5729.5 to 5729.5 degrees";
+    match field {
+        "heading_rad" => (vec!["heading_deg"], TURNS),
+        "pitch_rad" => (vec!["pitch_deg"], "-90 to 90 degrees"),
+        "vertical_fov_rad" => (vec!["vertical_fov_deg"], "0.06 to 179.3 degrees"),
+        "exposure_s" => (vec!["exposure_ms"], "0.001 to 10000 ms"),
+        "sky.sun_azimuth_rad" => (vec!["sky.sun_azimuth_deg"], TURNS),
+        "sky.sun_elevation_rad" => (vec!["sky.sun_elevation_deg"], "-17 to 90 degrees"),
+        "sky.sun_irradiance_w_per_m2" => (vec!["sky.sun_irradiance_W_per_m2"], wanted),
+        "rain.ceiling_m" if wanted.contains("softness") => (vec!["rain.ceiling_softness_m"], "0 to 1e6 m"),
+        "rain.region_m" if wanted.contains("centre") => (vec!["rain.centre_m"], "within -1e7 to 1e7 m"),
+        "rain.region_m" => (vec!["rain.radius_m", "rain.radius_softness_m"], "0 to 1e7 m"),
+        "turn_rad" => (vec!["turn_deg"], "0 to 68.7 degrees"),
+        "branch_rad" => (vec!["branch_deg"], "0 to 91.6 degrees"),
+        "intensity_w_per_sr" => (vec!["intensity_W_per_sr"], wanted),
+        "from_m to to_m" | "from_m, to_m" => (vec!["to_m"], wanted),
+        _ => (vec![field], wanted),
     }
 }
-
-impl std::fmt::Display for RecipeError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (line, column) = self.line_and_column();
-        let (file, field) = (self.file.display(), &self.field);
-        write!(f, "{file}:{line}:{column}: {field}: wanted {}, found {}", self.wanted, self.found)
-    }
-}
-
-impl std::error::Error for RecipeError {}
 
 /// A recipe's text, for making errors.
 pub(super) struct Source<'a> {
@@ -78,8 +61,8 @@ impl Source<'_> {
         found: String,
         or_else: Range<usize>,
     ) -> RecipeError {
-        let typed = [field.to_owned(), field.replace("_rad", "_deg"), field.replace("_s", "_ms")];
-        let place = typed.iter().find_map(|name| {
+        let (keys, wanted) = as_typed(field, wanted);
+        let place = keys.iter().find_map(|name| {
             let path: Vec<&str> = table.iter().copied().chain(name.split('.')).collect();
             Some((path.join("."), self.locate(&path)?))
         });
@@ -88,7 +71,7 @@ impl Source<'_> {
                 let found = self.text.get(span.clone()).unwrap_or(&found).to_owned();
                 self.error(span, name, wanted, found)
             }
-            None => self.error(or_else, format!("{}.{field}", table.join(".")), wanted, found),
+            None => self.error(or_else, format!("{}.{}", table.join("."), keys[0]), wanted, found),
         }
     }
 
@@ -114,21 +97,8 @@ impl Source<'_> {
     pub fn refused_text(&self, error: &toml::de::Error) -> RecipeError {
         let span = error.span().unwrap_or(0..0);
         let message = error.message().trim();
-        let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-        if message.starts_with("unknown field") || message.starts_with("unknown variant") {
-            let known = names.get(1..).unwrap_or_default();
-            let found = names.first().copied().unwrap_or_default();
-            let near = known
-                .iter()
-                .max_by(|a, b| strsim::jaro_winkler(a, found).total_cmp(&strsim::jaro_winkler(b, found)));
-            let what = if message.starts_with("unknown field") { "key" } else { "value" };
-            let wanted = match near {
-                Some(near) if strsim::jaro_winkler(near, found) > 0.6 => {
-                    format!("a known {what}; the nearest is `{near}`")
-                }
-                _ => format!("a known {what}: {}", known.join(", ")),
-            };
-            return self.error(span, format!("unknown {what}"), wanted, format!("`{found}`"));
+        if let Some((kind, wanted, found)) = crate::input::json::unknown(message) {
+            return self.error(span, format!("unknown {kind}"), wanted, found);
         }
         if let Some(name) = message.strip_prefix("missing field") {
             return self.error(span, name.trim().trim_matches('`'), "a value", "nothing");
@@ -141,6 +111,10 @@ impl Source<'_> {
                 line.rsplit('\n').next().unwrap_or_default().split('=').next().unwrap_or_default().trim();
             return self.error(span, if key.is_empty() { "value" } else { key }, wanted, found);
         }
-        self.error(span, "syntax", "a TOML recipe", message.replace('\n', "; "))
+        let found = match squall_formats::magic::kind_of(self.text.as_bytes()) {
+            Some(kind) if !kind.starts_with("TOML") && kind != "text" => kind.to_owned(),
+            _ => message.replace('\n', "; "),
+        };
+        self.error(span, "syntax", "a TOML recipe", found)
     }
 }

@@ -1,7 +1,7 @@
 //! The recipe's picture as it is typed: `[view]` and the tables under it.
 
-use super::RecipeError;
 use super::place::Source;
+use crate::error::RecipeError;
 use serde::Deserialize;
 use squall_formats::section::view::{
     ViewCamera, ViewDetail, ViewFlash, ViewRain, ViewSection, ViewSky, ViewTone,

@@ -2,7 +2,7 @@
 //! there is. They may hold anything, and hold what the transform has least to say of: the mean of the seen cells around, block by
 //! block of the transform's own pairing.
 
-use super::view_region::visible;
+use super::visibility::visible;
 use squall_formats::GridShape;
 use squall_formats::view_region::ViewRegion;
 use squall_runtime::transport::Cloud;

@@ -1,8 +1,8 @@
 //! Rows before they are coded.
 
 use super::hidden::HiddenCells;
-use super::view_region::ViewRegionMap;
-use super::{BakedResponse, TestStroke};
+use super::job::{BakedResponse, HeldOutStroke};
+use super::region::ViewRegionMap;
 use crate::compress::{CompressedRow, compress_row};
 use rayon::prelude::*;
 use squall_formats::haar::Haar;
@@ -12,19 +12,19 @@ use squall_runtime::transport::Cloud;
 
 /// Rows solved and Haar-transformed, not yet coded: what compression is tried on.
 pub struct SolvedRows {
-    /// Head of a response in these channels, coded by nothing yet.
+    /// Head of a response in this basis, coded by nothing yet.
     pub head: ResponseHead,
-    /// Coefficients of every row, one plane a channel.
+    /// Coefficients of every row, one plane each.
     pub planes: Vec<Vec<f32>>,
-    /// Test strokes.
-    pub tests: Vec<TestStroke>,
-    /// Sweeps times sixteen lamps.
+    /// Held-out strokes.
+    pub held_out: Vec<HeldOutStroke>,
+    /// Sweeps times sixteen lights.
     pub sweeps: u64,
-    /// What turns them into polynomials towards eyes; where there are eyes, and sixteen harmonics were solved for.
+    /// What turns them into polynomials towards the view region, where there is one and sixteen harmonics were solved for.
     pub(super) towards: Option<TowardsViewRegion>,
 }
 
-/// From sixteen harmonics to polynomials towards eyes, of each degree.
+/// From sixteen harmonics to polynomials towards a view region, of each degree.
 pub(super) struct TowardsViewRegion {
     maps: [ViewRegionMap; 3],
     hidden: Option<HiddenCells>,
@@ -65,18 +65,18 @@ impl TowardsViewRegion {
 }
 
 impl SolvedRows {
-    /// The response that these rows make in `channels`, coded so that each source is off by at most `relative_error`, and what
-    /// it keeps. Test strokes come along in the same channels.
+    /// The response that these rows make in `basis`, coded so that each source is off by at most `relative_error`, and what
+    /// it keeps. Held-out strokes come along in the same basis.
     ///
-    /// Panics when `channels` holds more than was solved for, or is towards eyes and no sixteen harmonics with eyes were.
-    pub fn encode(&self, channels: DirectionalBasis, codec: Codec, relative_error: f64) -> BakedResponse {
+    /// Panics when `basis` holds more than was solved for, or is towards a view region and no sixteen harmonics with one were.
+    pub fn encode(&self, basis: DirectionalBasis, codec: Codec, relative_error: f64) -> BakedResponse {
         let cells = self.head.shape.len();
-        let length = channels.count() * cells;
-        // Rows that were solved towards eyes already are coded as they are.
-        let towards = match (channels, &self.towards) {
+        let length = basis.count() * cells;
+        // Rows that were solved towards a view region already are coded as they are.
+        let towards = match (basis, &self.towards) {
             (DirectionalBasis::ViewRegion { degree }, Some(towards)) => Some((towards, degree)),
             (DirectionalBasis::ViewRegion { .. }, None) => {
-                assert_eq!(channels, self.head.channels, "rows were solved without eyes");
+                assert_eq!(basis, self.head.channels, "rows were solved without a view region");
                 None
             }
             _ => None,
@@ -84,9 +84,9 @@ impl SolvedRows {
         let code = |planes: &Vec<f32>| match towards {
             Some((towards, degree)) => {
                 let planes = towards.coefficients(planes, degree);
-                compress_row(&planes, channels.count(), codec, relative_error)
+                compress_row(&planes, basis.count(), codec, relative_error)
             }
-            None => compress_row(&planes[..length], channels.count(), codec, relative_error),
+            None => compress_row(&planes[..length], basis.count(), codec, relative_error),
         };
         let coded: Vec<CompressedRow> = self.planes.par_iter().map(code).collect();
         let (mut rows, mut kept) = (ResponseRows::default(), 0);
@@ -95,19 +95,19 @@ impl SolvedRows {
             rows.bounds.extend_from_slice(&row.bounds);
             rows.rows.push(row.bytes);
         }
-        let cut = |test: &TestStroke| {
+        let cut = |stroke: &HeldOutStroke| {
             let uncompressed = match towards {
-                Some((towards, degree)) if !test.uncompressed.is_empty() => {
-                    towards.light(&test.uncompressed, degree)
+                Some((towards, degree)) if !stroke.uncompressed.is_empty() => {
+                    towards.light(&stroke.uncompressed, degree)
                 }
-                _ => test.uncompressed.iter().take(length).copied().collect(),
+                _ => stroke.uncompressed.iter().take(length).copied().collect(),
             };
-            TestStroke { uncompressed, ..test.clone() }
+            HeldOutStroke { uncompressed, ..stroke.clone() }
         };
         BakedResponse {
-            head: ResponseHead { channels, codec, ..self.head.clone() },
+            head: ResponseHead { channels: basis, codec, ..self.head.clone() },
             rows,
-            tests: self.tests.iter().map(cut).collect(),
+            held_out: self.held_out.iter().map(cut).collect(),
             kept,
             sweeps: self.sweeps,
         }

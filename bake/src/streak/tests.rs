@@ -1,14 +1,15 @@
 use super::*;
+use squall_formats::section::streak::CosinePattern;
 use squall_formats::section::streak::{Cosine, PowerWindow, Window};
 
 fn fitted(picture: &Grey, method: Method, cosines: usize) -> Result<StreakPattern, BakeError> {
     fit(&Source { file: Path::new("some/streak.png"), picture, notes: None }, FitSettings { method, cosines })
 }
 
-fn picture(width: usize, height: usize, light: impl Fn(f64, f64) -> f64) -> Grey {
+fn picture(width: usize, height: usize, mut light: impl FnMut(f64, f64) -> f64) -> Grey {
     let place = |i: usize, side: usize| (i as f64 + 0.5) / side as f64;
-    let pixel = |i: usize| light(place(i % width, width), place(i / width, height)) as f32;
-    Grey { width, height, pixels: (0..width * height).map(pixel).collect() }
+    let mut pixel = |i: usize| light(place(i % width, width), place(i / width, height)) as f32;
+    Grey { width, height, pixels: (0..width * height).map(&mut pixel).collect() }
 }
 
 /// A streak that some patterns can be exactly: two cosines under a super-Gaussian window.
@@ -72,15 +73,54 @@ fn what_a_threshold_leaves_out_is_the_error() {
 
 #[test]
 fn more_terms_are_no_worse() {
-    /// Searches are greedy and numbers are rounded.
-    const SLACK_DB: f64 = 0.3;
+    /// What a rough fit of more terms may be worse by: such patterns of released assets stay as they are.
+    const ROUGH_DB: f64 = 0.3;
+    /// PSNR is stored in hundredths.
+    const STORED_DB: f64 = 0.01;
     for method in [Method::Fourier, Method::Windowed, Method::OffGrid, Method::Super, Method::Edges] {
-        let mut last = 0.0;
-        for cosines in [0, 1, 2, 4] {
-            let psnr = fitted(&known(), method, cosines).unwrap().psnr_db;
-            assert!(psnr > last - SLACK_DB, "{} {cosines}: {psnr} after {last}", method.name());
-            last = psnr;
+        let (known, mut last) = (known(), 0.0);
+        let source = Source { file: Path::new("streak.png"), picture: &known, notes: None };
+        let mut fitter = Fitter::new(&source, method).unwrap();
+        for cosines in 0..=5 {
+            let psnr = fitter.fit(cosines).unwrap().psnr_db;
+            let slack = if last < 40.0 { ROUGH_DB } else { STORED_DB };
+            assert!(psnr >= last - slack, "{} {cosines}: {psnr} after {last}", method.name());
+            last = f64::max(last, psnr);
         }
+    }
+}
+
+#[test]
+fn noise_far_below_the_error_changes_little_and_more_edged_terms_fit_no_worse() {
+    /// What noise of 10⁻⁴ (80 dB) may move a fit of some 60 dB by: rounding to stored numbers decides the rest.
+    const SWING_DB: f64 = 6.0;
+    const NOISE: f64 = 1e-4;
+    const STORED_DB: f64 = 0.01;
+    let window = squall_formats::section::streak::EdgeWindow {
+        sides: [[0.25, 0.02, -0.03, 0.0], [0.75, -0.02, 0.03, 0.0]],
+        ends: [[0.12, 0.0, 0.05], [0.9, 0.0, -0.04]],
+        softness: [0.08, 0.08, 0.03, 0.03],
+    };
+    let terms = vec![
+        Cosine { across: 1.3, along: 0.6, amplitude: 0.2, phase: 1.0 },
+        Cosine { across: 0.4, along: -2.2, amplitude: 0.15, phase: 4.0 },
+    ];
+    let pattern = CosinePattern { window: Window::Edges(window), constant: 0.6, terms };
+    let noisy = |seed: u64| {
+        let mut random = squall_runtime::random::Random::from_parts(&[seed]);
+        let amount = if seed == 0 { 0.0 } else { NOISE };
+        picture(12, 48, |u, v| (pattern.value(u, v) + amount * random.range(-1.7, 1.7)).max(0.0))
+    };
+    let figures = |seed: u64| -> Vec<f64> {
+        let noisy = noisy(seed);
+        let source = Source { file: Path::new("streak.exr"), picture: &noisy, notes: None };
+        let mut fitter = Fitter::new(&source, Method::Edges).unwrap();
+        (2..=4).map(|cosines| fitter.fit(cosines).unwrap().psnr_db).collect()
+    };
+    let all: Vec<Vec<f64>> = (0..4).map(figures).collect();
+    for figures in &all {
+        assert!(figures.windows(2).all(|pair| pair[1] >= pair[0] - STORED_DB), "{all:?}");
+        assert!(figures.iter().zip(&all[0]).all(|(a, b)| (a - b).abs() < SWING_DB), "{all:?}");
     }
 }
 

@@ -85,6 +85,19 @@ impl Shape {
         }
     }
 
+    /// Makes every edge of a window softer by a factor of e^`stretch`.
+    pub fn soften(self, free: &mut [f64], stretch: f64) {
+        let (slots, sign): (&[usize], f64) = match self {
+            // A Gaussian has no softness but its radius.
+            Self::Gaussian => (&[1, 3], 0.3),
+            Self::Super => (&[2, 5], -1.0),
+            Self::Edges => (&[4, 5, 6, 7], 1.0),
+        };
+        for &slot in slots {
+            free[slot] += sign * stretch;
+        }
+    }
+
     /// Weight at (u, v), and its derivative by every free number.
     pub fn weigh(self, free: &[f64], u: f64, v: f64, slope: &mut [f64]) -> f64 {
         match self {

@@ -38,6 +38,6 @@ pub fn stroke_json(
         .into_iter()
         .map(|light| Lamp { position_m: light.position.to_array(), intensity: light.intensity })
         .collect();
-    let text = serde_json::to_string_pretty(&lights);
-    Ok(text.map_err(|error| BakeError::Failed(error.to_string()))? + "\n")
+    let text = serde_json::to_string_pretty(&lights).map_err(std::io::Error::from);
+    Ok(text.map_err(BakeError::io(Path::new("synth stroke"), "write"))? + "\n")
 }

@@ -284,15 +284,18 @@ impl ViewRain {
     }
 }
 
+/// −17°, rad, to the bit as degrees are converted: the end itself is inside.
+const LOWEST_SUN_RAD: f64 = -17.0 * (std::f64::consts::PI / 180.0);
+
 impl ViewSky {
     fn check(&self) -> Result<(), Refusal> {
         within("sky.sun_azimuth_rad", "-100 to 100", self.sun_azimuth_rad, -100.0, 100.0)?;
-        let wanted = "-0.2967 to pi/2 (-17 to 90 degrees)";
+        let wanted = "-17 pi/180 to pi/2 (-17 to 90 degrees)";
         within(
             "sky.sun_elevation_rad",
             wanted,
             self.sun_elevation_rad,
-            -0.2967,
+            LOWEST_SUN_RAD,
             std::f64::consts::FRAC_PI_2,
         )?;
         within("sky.haze", "0 to 50", self.haze, 0.0, 50.0)?;

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec4};
 use squall_bake::progress::Quiet;
-use squall_bake::response::{LightGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::response::{Job, LightGrid, ResponseSettings, Sources, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
@@ -66,14 +66,10 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             },
         };
         let stroke = vec![PointLight { position: 0.5 * (cloud.origin_m + high), intensity: 1e6 }];
-        let mut baked = bake_response(
-            &cloud,
-            &Sources { lights, distant: Vec::new() },
-            &settings,
-            std::slice::from_ref(&stroke),
-            &Quiet,
-        )
-        .unwrap();
+        let sources = Sources { lights, distant: Vec::new() };
+        let held_out = std::slice::from_ref(&stroke);
+        let job = Job { cloud: &cloud, sources: &sources, settings: &settings, held_out, known: None };
+        let mut baked = bake_response(&job, &Quiet).unwrap();
         let head = CloudHead {
             shape: cloud.shape,
             cell_m: cloud.cell_m,
@@ -93,7 +89,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
         let mut buffers = RelightBuffers::default();
         let relit = relighter.relight(&stroke, RelightOptions::default(), &mut buffers).unwrap();
         let norm = |values: &[f32]| values.iter().map(|&v| f64::from(v) * f64::from(v)).sum::<f64>().sqrt();
-        let wanted = &baked.tests[0].uncompressed;
+        let wanted = &baked.held_out[0].uncompressed;
         let error: Vec<f32> = relit.planes.iter().zip(wanted).map(|(a, b)| a - b).collect();
         println!("{shape:?} {extinction}: light {:.3e}, off {:.1e}", norm(wanted), norm(&error));
         assert!(relit.planes.iter().all(|v| v.is_finite()));

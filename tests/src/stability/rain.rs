@@ -99,7 +99,10 @@ fn exposures_from_a_microsecond_to_ten_seconds_are_drawn_or_refused_with_what_he
                     continue;
                 }
                 // The setting that it names works.
-                let named = text.split("raise min_px to ").nth(1).and_then(|rest| rest.split(',').next());
+                let named = text
+                    .split("raise the shortest of streak_px to ")
+                    .nth(1)
+                    .and_then(|rest| rest.split(',').next());
                 let nearest =
                     Shot { min_px: named.unwrap_or_else(|| panic!("{text}")).parse().unwrap(), ..shot };
                 assert!(rain().find(&nearest, &weather, None, &mut workspace).is_ok(), "{text}");

@@ -31,7 +31,7 @@ pub fn run(args: &Args, recipe: &Recipe) -> anyhow::Result<()> {
             "command": "bake",
             "tool": tool(),
             "mode": mode,
-            "recipe": args.recipe,
+            "recipe": args.recipe.to_string_lossy(),
             "inputs": inputs,
         });
         if args.dry_run {

@@ -4,9 +4,9 @@ use super::super::limits;
 use super::super::progress::Bars;
 use serde_json::{Map, Value, json};
 use squall_bake::metrics::{Figures, METRICS};
+use squall_bake::pipeline::StageReport;
 use squall_bake::provenance::tool;
 use squall_bake::recipe::Recipe;
-use squall_bake::storm::StageReport;
 use std::path::{Path, PathBuf};
 
 /// A bake that came to its end.
@@ -55,8 +55,8 @@ impl Report {
             "command": "bake",
             "tool": tool(),
             "mode": "bake",
-            "recipe": self.recipe,
-            "asset": self.asset,
+            "recipe": self.recipe.to_string_lossy(),
+            "asset": self.asset.to_string_lossy(),
             "bytes": self.figures.asset_bytes,
             "seconds": self.seconds,
             "unchanged": self.unchanged,

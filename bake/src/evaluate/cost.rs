@@ -3,11 +3,11 @@
 //!
 //! Two things take the time: adding the coefficients of the rows that the stroke touches, which goes with their number, and
 //! transforming every channel back, which goes with cells times channels. What a picture does with the light is not in it: light
-//! straight from the stroke, reading towards the eye, following rays. The prices are those of one core at some 3 GHz; `cargo
+//! straight from the stroke, reading towards the viewer, following rays. The prices are those of one core at some 3 GHz; `cargo
 //! bench -p squall-bake --bench relight` prints the count beside the clock of the machine at hand.
 
 use crate::error::BakeError;
-use crate::recipe::Recipe;
+use crate::recipe::model::Recipe;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::response::{Codec, ResponseHead};
 use squall_runtime::relight::{PointLight, RelightBuffers, Relighter, SourceWeight};
@@ -35,7 +35,7 @@ pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
 
 /// Milliseconds that relighting `lights` counts for.
 ///
-/// Errors: a lamp outside the baked reach.
+/// Errors: a point outside what was baked.
 pub fn stroke_ms(
     relighter: &Relighter<'_>,
     lights: &[PointLight],
@@ -61,7 +61,7 @@ pub fn flashes(recipe: &Recipe) -> Vec<Vec<PointLight>> {
     all
 }
 
-/// The most that any of `strokes` counts for; points outside the baked reach are left out.
+/// The most that any of `strokes` counts for; points outside what was baked are left out.
 ///
 /// Errors: a point that is not finite.
 pub fn most_ms<'a>(

@@ -1,10 +1,12 @@
-//! Solving a batch of lights, and what is made of it: channels of rows, test strokes with their truth.
+//! Solving a batch of lights, and what is made of it: coefficients of rows, held-out strokes with their truth.
 
+use super::directions::{add_direct, in_26_directions};
 use super::hidden::HiddenCells;
-use super::view_region::ViewRegionMap;
-use super::{ResponseSettings, SOLVED, TestStroke, add_direct, in_26_directions};
+use super::job::HeldOutStroke;
+use super::region::ViewRegionMap;
 use crate::error::BakeError;
 use crate::progress::Progress;
+use crate::recipe::model::ResponseSettings;
 use glam::DVec3;
 use rayon::prelude::*;
 use squall_formats::haar::Haar;
@@ -19,15 +21,18 @@ use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::solve::{BatchReport, GATHERED, Solvable, SolveBuffers, Solver};
 use std::sync::Arc;
 
+/// What polynomials towards a view region are made from.
+pub(super) const SOLVED: DirectionalBasis = DirectionalBasis::Harmonics { degree: 3 };
+
 /// Lights that were solved side by side.
 pub(super) struct Batch<R> {
     pub(super) report: BatchReport,
-    /// What each light's row became, and its channels where they are needed.
+    /// What each light's row became, and its coefficients where they are needed.
     pub(super) rows: Vec<(R, Option<Vec<f32>>)>,
 }
 
-/// What all lights of a response have in common.
-pub(super) struct Context<'a> {
+/// Solves rows of one response: what all its lights have in common.
+pub(super) struct RowSolver<'a> {
     settings: &'a ResponseSettings,
     fine: &'a Cloud,
     tracer: Tracer<'a>,
@@ -36,9 +41,9 @@ pub(super) struct Context<'a> {
     haar: Haar,
     cloud: &'a Cloud,
     /// Cells that no light is stored for.
-    pub(super) hidden: Option<HiddenCells>,
+    hidden: Option<HiddenCells>,
     view_region_map: Option<ViewRegionMap>,
-    /// Unit vectors from stored cells to the middle of the eyes' box.
+    /// Unit vectors from stored cells to the middle of the view region.
     to_viewers: Option<Vec<[f32; 3]>>,
     directions: [DVec3; 26],
 }
@@ -54,7 +59,7 @@ pub(super) struct Work<P> {
     scratch: Vec<f32>,
 }
 
-impl<'a> Context<'a> {
+impl<'a> RowSolver<'a> {
     pub(super) fn new(
         cloud: &'a Cloud,
         fine: &'a Cloud,
@@ -86,6 +91,25 @@ impl<'a> Context<'a> {
             }),
             directions: sphere::directions_26().map(DVec3::from_array),
         }
+    }
+
+    /// Cells that light is stored for; all where `None`.
+    pub(super) fn seen(&self) -> Option<&[bool]> {
+        self.hidden.as_ref().map(HiddenCells::seen)
+    }
+
+    /// Refuses a cloud that is hidden from every viewpoint. A grid without density has nothing to see for anyone.
+    pub(super) fn check_visible(&self) -> Result<(), BakeError> {
+        let all_hidden = self.seen().is_some_and(|seen| !seen.contains(&true));
+        if !all_hidden || self.cloud.extinction.iter().all(|&extinction| extinction <= 0.0) {
+            return Ok(());
+        }
+        Err(BakeError::NotReached {
+            what: "the cloud's response".into(),
+            wanted: "cells that a viewpoint can see".into(),
+            reached: "none".into(),
+            hint: "a view region that the cloud is not hidden from".into(),
+        })
     }
 
     pub(super) fn in_rows(&self) -> bool {
@@ -152,8 +176,8 @@ impl<'a> Context<'a> {
         if self.settings.refine == 1 { fine } else { self.parent.means(&fine, MAX_HARMONICS) }
     }
 
-    /// One lane's channels, one plane a channel.
-    fn channels<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
+    /// One lane's coefficients in the stored basis, one plane each.
+    fn planes<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
         let coefficients = self.coefficients(lane, work);
         let cells = coefficients.len() / MAX_HARMONICS;
         let basis = if self.view_region_map.is_some() { SOLVED } else { self.settings.channels };
@@ -183,7 +207,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Solves lights side by side; each row goes through `finish`, and comes along as channels where `needed`.
+    /// Solves lights side by side; each row goes through `finish`, and comes along uncoded where `needed`.
     pub(super) fn solve_batch<R>(
         &self,
         lanes: &[Vec<Light>],
@@ -195,7 +219,7 @@ impl<'a> Context<'a> {
         let report = self.solve_lanes(lanes, in_rows, work)?;
         let mut rows = Vec::with_capacity(lanes.len());
         for lane in 0..lanes.len() {
-            let mut planes = self.channels(lane, in_rows, work);
+            let mut planes = self.planes(lane, in_rows, work);
             if let Some(hidden) = &self.hidden {
                 planes.chunks_exact_mut(self.haar.len()).for_each(|plane| hidden.fill(plane));
             }
@@ -216,15 +240,15 @@ impl<'a> Context<'a> {
         j
     }
 
-    /// Strokes with their truth.
+    /// Held-out strokes with their truth.
     pub(super) fn solve_strokes(
         &self,
         strokes: &[Vec<PointLight>],
         progress: &dyn Progress,
-    ) -> Result<Vec<TestStroke>, BakeError> {
-        let seen: Arc<[bool]> = self.hidden.as_ref().map_or_else(Default::default, |u| u.seen().into());
+    ) -> Result<Vec<HeldOutStroke>, BakeError> {
+        let seen: Arc<[bool]> = self.seen().map_or_else(Default::default, Into::into);
         // One stroke a task: tracing its many points is most of the work.
-        let solved: Vec<Result<TestStroke, BakeError>> = strokes
+        let solved: Vec<Result<HeldOutStroke, BakeError>> = strokes
             .par_iter()
             .map_init(Work::<f32>::default, |work, lights| {
                 progress.check()?;
@@ -238,7 +262,7 @@ impl<'a> Context<'a> {
                 progress.advance(1);
                 let direct_to_viewers = self.direct_to_viewers(lights);
                 let seen = seen.clone();
-                Ok(TestStroke {
+                Ok(HeldOutStroke {
                     lights: lights.clone(),
                     truth,
                     direct,

@@ -13,10 +13,11 @@
 //! | L      | length of a streak, D + vT         | m         |
 
 use crate::density::{
-    DensitySpec, GAUSS_POINTS, GaussRule, MOST_CLASSES, default_classes, fewest_nodes, section_bytes,
+    GAUSS_POINTS, GaussRule, MOST_CLASSES, check_spec, default_classes, fewest_nodes, section_bytes,
     smaller_table,
 };
 use crate::error::BakeError;
+use crate::recipe::model::DensitySpec;
 use squall_formats::drops;
 use squall_formats::section::density::{Class, DensitySection, Mode, Ranges, STENCIL};
 use squall_formats::section::provenance::BudgetRecord;
@@ -26,8 +27,8 @@ use squall_runtime::random::Random;
 /// Rates and exposures that a choice looks at, equally spaced in the logarithm, ends included: where the error is largest.
 const SEEN: [usize; 2] = [5, 3];
 /// Rates and exposures at random that verify it.
-const UNSEEN: usize = 16;
-/// Stream of the unseen ones.
+const HELD_OUT: usize = 16;
+/// Stream of the held-out ones.
 const STREAM: u64 = 0x636c_6173_7365_7321;
 
 /// A density table, and the specification as it was carried out.
@@ -37,8 +38,27 @@ pub struct ChosenTable {
     pub spec: DensitySpec,
     /// The table.
     pub section: DensitySection,
-    /// Which unseen rates and exposures verify it: those that no earlier round was judged by.
-    pub(crate) round: u64,
+    /// Which held-out rates and exposures verify it: those of an iteration that no earlier choice was verified by.
+    iteration: u64,
+}
+
+/// Fills a density table: the fewest rate nodes whose measured error is within the budget, and as many classes as the budget
+/// for those asks for, where there is one.
+///
+/// Errors: a range that makes no sense, a budget below what round-off allows, or out of reach of any number of classes.
+pub fn bake_density(spec: &DensitySpec) -> Result<DensitySection, BakeError> {
+    Ok(bake_chosen(spec)?.section)
+}
+
+/// [`bake_density`], with the specification as it was carried out: its number of classes is the one in use.
+///
+/// Errors: as [`bake_density`].
+pub fn bake_chosen(spec: &DensitySpec) -> Result<ChosenTable, BakeError> {
+    check_spec(spec)?;
+    match spec.class_error {
+        Some(asked) => choose_classes(spec, asked),
+        None => Ok(ChosenTable { spec: spec.clone(), section: fewest_nodes(spec)?, iteration: 0 }),
+    }
 }
 
 /// Error of the drops' fall within `classes`: √(∫ N L³ (u/v − 1)² dD / ∫ N L³ dD), –. The root mean square of what a drop's
@@ -75,15 +95,15 @@ pub fn speed_error(classes: &[Class], rate: MillimetresPerHour, exposure: Second
 /// Errors: no number of classes gets there, with the best; a count error out of reach.
 pub fn choose_classes(spec: &DensitySpec, asked: f64) -> Result<ChosenTable, BakeError> {
     let mut least = 1;
-    let mut round = 0;
+    let mut iteration = 0;
     while let Some((spec, section)) = smallest(spec, asked, least)? {
-        let chosen = ChosenTable { spec, section, round };
+        let chosen = ChosenTable { spec, section, iteration };
         if chosen.speed_error() <= asked {
             return Ok(chosen);
         }
-        // Unseen rates or exposures are worse off than the seen ones: more classes, and others to judge them.
+        // Held-out rates or exposures are worse off than the seen ones: more classes, and others to verify them.
         least = chosen.spec.classes + 1;
-        round += 1;
+        iteration += 1;
     }
     let (mut best, mut at) = (f64::INFINITY, 0);
     for classes in 1..=MOST_CLASSES {
@@ -136,7 +156,7 @@ impl ChosenTable {
     /// Largest [`speed_error`] of the classes as the section has them, over rates and exposures that the choice saw and ones
     /// that it did not.
     pub fn speed_error(&self) -> f64 {
-        verified(&self.section.table(Mode::Default).classes, &self.section.ranges, self.round)
+        verified(&self.section.table(Mode::Default).classes, &self.section.ranges, self.iteration)
     }
 
     /// Classes in words.
@@ -163,12 +183,12 @@ impl ChosenTable {
         let (mut next_better, mut next_cheaper) = (None, None);
         if asked.is_some() {
             let words = |spec: DensitySpec, section: DensitySection| {
-                let other = Self { spec, section, round: self.round };
+                let other = Self { spec, section, iteration: self.iteration };
                 format!("{}: {:.4}, {}", other.classes(), other.speed_error(), other.cost())
             };
             for classes in self.spec.classes + 1..=MOST_CLASSES {
                 let spec = with_classes(&self.spec, classes);
-                if verified(&default_classes(&spec), &spec.ranges, self.round) < got {
+                if verified(&default_classes(&spec), &spec.ranges, self.iteration) < got {
                     let section = fewest_nodes(&spec)?;
                     next_better = Some(words(spec, section));
                     break;
@@ -206,8 +226,8 @@ fn worst(classes: &[Class], probes: &[(MillimetresPerHour, Seconds)]) -> f64 {
     probes.iter().map(|&(rate, exposure)| speed_error(classes, rate, exposure)).fold(0.0, f64::max)
 }
 
-fn verified(classes: &[Class], ranges: &Ranges, round: u64) -> f64 {
-    worst(classes, &seen(ranges)).max(worst(classes, &hidden(ranges, round)))
+fn verified(classes: &[Class], ranges: &Ranges, iteration: u64) -> f64 {
+    worst(classes, &seen(ranges)).max(worst(classes, &held_out(ranges, iteration)))
 }
 
 /// The place at `share` of a range, in the logarithm.
@@ -228,13 +248,13 @@ fn seen(ranges: &Ranges) -> Vec<(MillimetresPerHour, Seconds)> {
     (0..rates * exposures).map(pair).collect()
 }
 
-fn hidden(ranges: &Ranges, round: u64) -> Vec<(MillimetresPerHour, Seconds)> {
-    let mut random = Random::from_parts(&[STREAM, round]);
+fn held_out(ranges: &Ranges, iteration: u64) -> Vec<(MillimetresPerHour, Seconds)> {
+    let mut random = Random::from_parts(&[STREAM, iteration]);
     let mut pair = |_| {
         let rate = between(ranges.rate.map(|r| r.0), random.unit());
         (MillimetresPerHour(rate), Seconds(between(ranges.exposure.map(|t| t.0), random.unit())))
     };
-    (0..UNSEEN).map(&mut pair).collect()
+    (0..HELD_OUT).map(&mut pair).collect()
 }
 
 /// Drops that a search looks at over streaks that it finds, at the largest rate, longest exposure and full range of lengths:
@@ -318,5 +338,50 @@ mod tests {
         let spec = DensitySpec::default();
         let error = |classes| verified(&default_classes(&with_classes(&spec, classes)), &spec.ranges, 0);
         assert!((error(32) / error(64) / 2.0 - 1.0).abs() < SECOND_ORDER);
+    }
+
+    #[test]
+    fn a_loose_budget_takes_few_nodes_and_a_tight_one_more_and_both_hold() {
+        let bake =
+            |relative_error| bake_density(&DensitySpec { relative_error, ..Default::default() }).unwrap();
+        let [loose, tight] = [5e-3, 1e-7].map(bake);
+        assert!(loose.rates.len() < tight.rates.len());
+        for section in [loose, tight] {
+            assert!(section.measured_error <= section.asked_error);
+            let read = DensitySection::read(&section.write(), 1, &Default::default()).unwrap();
+            assert_eq!(read, section);
+        }
+    }
+
+    #[test]
+    fn classes_down_to_mist_have_positive_speeds_and_hold_their_budget() {
+        let diameter = [Millimetres(0.1), Millimetres(10.0)];
+        for classes in [1, 8] {
+            let spec = DensitySpec { diameter, classes, ..Default::default() };
+            let section = bake_density(&spec).unwrap();
+            assert!(section.table(Mode::Default).classes.iter().all(|class| class.fall_speed.0 > 0.0));
+            DensitySection::read(&section.write(), 1, &Default::default()).unwrap();
+        }
+    }
+
+    #[test]
+    fn an_unreachable_budget_or_a_senseless_range_is_refused() {
+        let spec = DensitySpec { relative_error: 1e-17, ..Default::default() };
+        assert!(bake_density(&spec).unwrap_err().to_string().contains("relative error"));
+        let mut spec = DensitySpec::default();
+        spec.ranges.rate[0].0 = 300.0;
+        assert!(bake_density(&spec).unwrap_err().to_string().contains("rain.density.rate_mm_per_h"));
+        let spec = DensitySpec { classes: 0, ..Default::default() };
+        assert!(bake_density(&spec).is_err());
+        for class_error in [0.0, 0.6, f64::NAN].map(Some) {
+            let spec = DensitySpec { class_error, ..Default::default() };
+            assert!(bake_density(&spec).unwrap_err().to_string().contains("rain.density.class_error"));
+        }
+    }
+
+    #[test]
+    fn baking_twice_gives_the_same_bytes() {
+        let bytes = || bake_density(&DensitySpec::default()).unwrap().write();
+        assert_eq!(bytes(), bytes());
     }
 }

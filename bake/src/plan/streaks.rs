@@ -1,7 +1,7 @@
 //! The cheapest pattern that shows a picture of a streak to a PSNR, picture by picture.
 
 use crate::error::BakeError;
-use crate::streak::{FitSettings, Source, fit};
+use crate::streak::{Fitter, Source};
 use squall_formats::section::streak::{Method, StreakPattern, StreakSection};
 
 /// Numbers of cosines tried, in this order.
@@ -26,13 +26,14 @@ pub fn stored_bytes(pattern: &StreakPattern) -> usize {
 /// Fits `source` by each of `methods` with more and more cosines until the PSNR on the stored numbers is at least `psnr_db`; of those
 /// that reach it the one with the fewest bytes, the first of `methods` where they are as few.
 ///
-/// Errors: as [`fit`]; nothing reaches it, with the best.
+/// Errors: as [`Fitter::new`]; nothing reaches it, with the best.
 pub fn choose_pattern(source: &Source, methods: &[Method], psnr_db: f64) -> Result<ChosenPattern, BakeError> {
     let mut chosen: Option<(usize, StreakPattern)> = None;
     let mut others: Vec<(usize, StreakPattern)> = Vec::new();
     for &method in methods {
+        let mut fitter = Fitter::new(source, method)?;
         for cosines in COUNTS {
-            let pattern = fit(source, FitSettings { method, cosines })?;
+            let pattern = fitter.fit(cosines)?;
             let bytes = stored_bytes(&pattern);
             // More cosines only take more.
             if chosen.as_ref().is_some_and(|(least, _)| bytes >= *least) {

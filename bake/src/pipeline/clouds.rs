@@ -1,0 +1,172 @@
+//! The cloud's part of a bake: settings that the recipe leaves to its budgets are planned, rows baked, the written bytes scored by
+//! held-out strokes that the plan did not see.
+
+use super::records::{records, solver_records};
+use super::stage::{Clock, StageOutput, StageReport};
+use crate::asset::{grid_section, in_memory};
+use crate::error::BakeError;
+use crate::evaluate::held_out::evaluate;
+use crate::evaluate::{Outcome, cost};
+use crate::input::scene::read_scene;
+use crate::plan::budget::{Excess, Margins, not_met};
+use crate::plan::lights::Site;
+use crate::plan::{Plan, plan};
+use crate::progress::Progress;
+use crate::provenance::input_record;
+use crate::recipe::model::Recipe;
+use crate::response::{HeldOutStroke, Job, Sources, bake_response};
+use squall_formats::container::OutSection;
+use squall_formats::section::provenance::BudgetRecord;
+use squall_formats::section::response::{self, ResponseHead};
+use squall_runtime::relight::Relighter;
+
+/// Iterations of planning, baking and scoring before a budget is given up; each asks for more than the one before.
+const ITERATIONS: usize = 6;
+
+/// Sections of the cloud, if the recipe has one.
+///
+/// Errors: a scene that is missing or out of range, a budget out of reach, a solve that does not converge, an interruption.
+pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+    let Some(clouds) = &recipe.clouds else { return Ok(StageOutput::default()) };
+    let clock = Clock::start();
+    let scene = read_scene(&clouds.scene, clouds.optics)?;
+    let inputs = scene.inputs.iter().map(|input| input_record(recipe, input)).collect();
+    let [nx, ny, nz] = scene.cloud.shape.to_array();
+    let made = format!("{nx} × {ny} × {nz} cells");
+    let mut grid = clock.report("cloud grid", made, 0, "as given".into());
+    let baked = bake_to_budget(&Site::new(recipe, clouds, &scene.cloud), progress)?;
+    grid.bytes = baked.sections[0].length();
+    let reports = std::iter::once(grid).chain(baked.reports).collect();
+    Ok(StageOutput { inputs, reports, ..baked })
+}
+
+/// Plans, bakes and scores until the budget is met.
+fn bake_to_budget(site: &Site<'_>, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+    let budget = &site.clouds.budget;
+    let mut margins = Margins::default();
+    let mut iteration = 0;
+    loop {
+        let mut made = Made::new(site, plan_within(site, margins, progress)?, iteration, progress)?;
+        iteration += 1;
+        if made.held_out.is_empty() {
+            return made.unmeasured(site);
+        }
+        let measured = made.measure(site, iteration, progress)?;
+        let excess = Excess::of(budget, &measured);
+        if excess.within(Margins::default()) {
+            let budgets = records(budget, &made.head, &made.plan, &measured);
+            return Ok(made.output(budgets));
+        }
+        if iteration == ITERATIONS || made.plan.tried == 0 {
+            return Err(not_met(budget, &measured, &made.plan));
+        }
+        // Held-out strokes are worse off than those that chose, or rows larger: ask for more, and bake once more.
+        margins = margins.tightened(excess);
+    }
+}
+
+/// A plan, and its line of the closing table where it had to choose.
+fn plan_within(
+    site: &Site<'_>,
+    margins: Margins,
+    progress: &dyn Progress,
+) -> Result<(Plan, Option<StageReport>), BakeError> {
+    let clock = Clock::start();
+    let plan = plan(site, margins, progress)?;
+    let made = format!("{} settings tried", plan.tried);
+    let report = (plan.tried > 0).then(|| clock.report("budgets", made, 0, plan.to_string()));
+    Ok((plan, report))
+}
+
+/// A response as it was planned and baked.
+struct Made {
+    plan: Plan,
+    head: ResponseHead,
+    held_out: Vec<HeldOutStroke>,
+    /// Grid and response.
+    sections: [OutSection; 2],
+    reports: Vec<StageReport>,
+}
+
+impl Made {
+    /// Bakes rows. Held-out strokes are others in every iteration, counted from 0.
+    fn new(
+        site: &Site<'_>,
+        (plan, planned): (Plan, Option<StageReport>),
+        iteration: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self, BakeError> {
+        let clock = Clock::start();
+        let (lights, strokes) = site.held_out(plan.spacing_m, iteration)?;
+        let sources = Sources { lights, distant: site.clouds.distant.clone() };
+        let job = Job {
+            cloud: site.cloud,
+            sources: &sources,
+            settings: &plan.settings,
+            held_out: &strokes,
+            known: None,
+        };
+        let baked = bake_response(&job, progress)?;
+        let (sources, coefficients) = (baked.rows.rows.len(), baked.head.channels.count());
+        let made = format!("{sources} sources × {coefficients} coefficients a cell, {} kept", baked.kept);
+        let section = response::write(&baked.head, baked.rows);
+        let solver = &baked.head.solver;
+        let error = format!("residual {:.1e}, {} sweeps at most", solver.worst_residual, solver.most_sweeps);
+        let report = clock.report("cloud response", made, section.length(), error);
+        Ok(Self {
+            plan,
+            head: baked.head,
+            held_out: baked.held_out,
+            sections: [grid_section(site.cloud), section],
+            reports: planned.into_iter().chain([report]).collect(),
+        })
+    }
+
+    /// Relights the held-out strokes from the sections as they will be written; viewpoints of iteration 0 are those that chose.
+    fn measure(
+        &mut self,
+        site: &Site<'_>,
+        iteration: usize,
+        progress: &dyn Progress,
+    ) -> Result<Outcome, BakeError> {
+        let clock = Clock::start();
+        progress.begin("verification", self.held_out.len() as u64);
+        let asset = in_memory(&self.sections)?;
+        let relighter = Relighter::new(&asset)?;
+        let scores = evaluate(&relighter, &self.held_out, iteration as u64)?;
+        let strokes =
+            self.held_out.iter().map(|stroke| &stroke.lights).chain(&site.flashes).map(Vec::as_slice);
+        let relight_ms = cost::most_ms(&relighter, strokes)?;
+        let error = format!(
+            "relit L2 {:.2} % from the bytes; stroke L2 {:.1} %, median {:.1} %",
+            100.0 * scores.codec.l2,
+            100.0 * scores.stroke.l2,
+            100.0 * scores.stroke.median
+        );
+        let made = format!("{} held-out strokes", self.held_out.len());
+        self.reports.push(clock.report("verification", made, 0, error));
+        Ok(Outcome { scores, bytes: self.sections[1].length(), relight_ms })
+    }
+
+    /// What a response without held-out strokes leaves behind.
+    ///
+    /// Errors: the budget has nothing to be confirmed by.
+    fn unmeasured(mut self, site: &Site<'_>) -> Result<StageOutput, BakeError> {
+        if site.clouds.budget.needs_held_out() {
+            return Err(BakeError::NotReached {
+                what: "clouds.budget".into(),
+                wanted: "held-out strokes to confirm it".into(),
+                reached: "none that the virtual lights reach".into(),
+                hint: "test_strokes above 0, or strokes in the recipe, would give some".into(),
+            });
+        }
+        let made = "no held-out strokes".to_owned();
+        self.reports.push(Clock::start().report("verification", made, 0, "not measured".into()));
+        let budgets = solver_records(&self.head, &self.plan);
+        Ok(self.output(budgets))
+    }
+
+    fn output(self, budgets: Vec<BudgetRecord>) -> StageOutput {
+        StageOutput { sections: self.sections.into(), inputs: Vec::new(), budgets, reports: self.reports }
+    }
+}

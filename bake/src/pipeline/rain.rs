@@ -1,0 +1,176 @@
+//! Rain's part of a bake: streak patterns fitted to pictures, and tables of how many there are.
+
+use super::stage::{Clock, StageOutput};
+use crate::density::error_at_nodes;
+use crate::error::BakeError;
+use crate::input::Fingerprint;
+use crate::input::picture::{Grey, grey_of, picture_file};
+use crate::plan::density::bake_chosen;
+use crate::plan::streaks::{COUNTS, ChosenPattern, METHODS, choose_pattern, stored_bytes};
+use crate::progress::Progress;
+use crate::provenance::input_record;
+use crate::recipe::model::{FitSettings, Rain, Recipe};
+use crate::streak::{Source, fit};
+use rayon::prelude::*;
+use squall_formats::container::OutSection;
+use squall_formats::section::provenance::BudgetRecord;
+use squall_formats::section::streak::{Method, StreakPattern, StreakSection};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Sections of rain, if the recipe has any.
+///
+/// Errors: a picture that is missing or damaged, a budget out of reach, an interruption.
+pub(super) fn rain(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+    let Some(rain) = &recipe.rain else { return Ok(StageOutput::default()) };
+    let mut output = streaks(recipe, rain, progress)?;
+    output.append(density(rain, progress)?);
+    Ok(output)
+}
+
+fn streaks(recipe: &Recipe, rain: &Rain, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+    if rain.pictures.is_empty() {
+        return Ok(StageOutput::default());
+    }
+    let clock = Clock::start();
+    progress.begin("streaks", rain.pictures.len() as u64);
+    let fitted = fit_streaks(rain, progress)?;
+    let inputs = fitted.pictures.iter().map(|one| input_record(recipe, &one.input)).collect();
+    let nearest = fitted.pictures.iter().filter_map(|one| one.chosen.cheaper.as_ref());
+    // The first of those that are as near.
+    let nearest = nearest.reduce(|best, next| if next.psnr_db > best.psnr_db { next } else { best });
+    let next_cheaper = nearest.map(pattern_words);
+    let patterns: Vec<StreakPattern> = fitted.pictures.iter().map(|one| one.chosen.pattern.clone()).collect();
+    let worst = patterns.iter().map(|p| p.psnr_db).fold(f64::INFINITY, f64::min);
+    let mean = patterns.iter().map(|p| p.psnr_db).sum::<f64>() / patterns.len() as f64;
+    let terms: usize = patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
+    let budget = match rain.psnr_db {
+        Some(asked) => BudgetRecord {
+            part: "streaks".into(),
+            metric: "least PSNR of a pattern after quantisation, dB".into(),
+            asked: Some(asked),
+            got: worst,
+            chosen: format!("{}, {terms} cosines in {} patterns", methods_of(&patterns), patterns.len()),
+            next_better: streaks_beyond(fitted.worst, &patterns)?,
+            next_cheaper,
+        },
+        None => BudgetRecord {
+            part: "streaks".into(),
+            metric: "mean PSNR after quantisation, dB".into(),
+            asked: None,
+            got: mean,
+            chosen: format!("{}, {} cosines", rain.fit.method.name(), rain.fit.cosines),
+            next_better: None,
+            next_cheaper: None,
+        },
+    };
+    let made = format!("{} patterns of {terms} cosines in all", patterns.len());
+    let section = StreakSection { patterns };
+    let section = OutSection::small(StreakSection::TAG, StreakSection::VERSION, false, section.write());
+    let error = format!("PSNR {mean:.1} dB, worst {worst:.1} dB");
+    let report = clock.report("streaks", made, section.length(), error);
+    Ok(StageOutput { sections: vec![section], inputs, budgets: vec![budget], reports: vec![report] })
+}
+
+fn density(rain: &Rain, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+    let clock = Clock::start();
+    progress.begin("density tables", 1);
+    let chosen = bake_chosen(&rain.density)?;
+    let fall = chosen.record(rain.density.class_error)?;
+    let classes = chosen.classes();
+    let table = &chosen.section;
+    progress.advance(1);
+    let neighbour = |step: isize| -> Result<Option<String>, BakeError> {
+        let found = error_at_nodes(&chosen.spec, table.rates.len(), step)?;
+        Ok(found.map(|(nodes, error)| format!("{nodes} rates: {error:.2e}")))
+    };
+    let counts = BudgetRecord {
+        part: "density".into(),
+        metric: "largest relative error of a class's count between nodes".into(),
+        asked: Some(rain.density.relative_error),
+        got: table.measured_error,
+        chosen: format!("{} rates, {classes}", table.rates.len()),
+        next_better: neighbour(1)?,
+        next_cheaper: neighbour(-1)?,
+    };
+    let error =
+        format!("counts within {:.4} %, fall {:.1} %", 100.0 * table.measured_error, 100.0 * fall.got);
+    let section = table.to_section();
+    let made = format!("{classes}, {} modes", table.tables.len());
+    let report = clock.report("density tables", made, section.length(), error);
+    let budgets = vec![counts, fall];
+    Ok(StageOutput { sections: vec![section], budgets, reports: vec![report], ..StageOutput::default() })
+}
+
+/// A pattern's setting, error and cost.
+fn pattern_words(pattern: &StreakPattern) -> String {
+    let (method, terms) = (pattern.method.name(), pattern.pattern.terms());
+    let (name, psnr, bytes) = (&pattern.name, pattern.psnr_db, stored_bytes(pattern));
+    format!("{method}, {terms} cosines in {name}: {psnr:.2} dB, {bytes} bytes")
+}
+
+/// Names of the methods that patterns were fitted by.
+fn methods_of(patterns: &[StreakPattern]) -> String {
+    let used = Method::ALL.into_iter().filter(|method| patterns.iter().any(|p| p.method == *method));
+    used.map(Method::name).collect::<Vec<_>>().join(" and ")
+}
+
+/// A picture's pattern, and the file as it was read.
+struct FittedPicture {
+    chosen: ChosenPattern,
+    input: Fingerprint,
+}
+
+/// Patterns of all pictures, in their order.
+struct Fitted {
+    pictures: Vec<FittedPicture>,
+    /// Where a PSNR chose them, the picture whose pattern has the lowest, with its place.
+    worst: Option<(usize, Grey)>,
+}
+
+/// The patterns, in the pictures' order; where a PSNR chose them each with the nearest that takes fewer bytes.
+fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError> {
+    let methods = if rain.method_given { std::slice::from_ref(&rain.fit.method) } else { &METHODS };
+    // Of all pictures the one whose pattern is worst is kept, so that none is read twice: the first of those that are as bad.
+    let worst: Mutex<Option<(f64, usize, Grey)>> = Mutex::new(None);
+    let fit_one = |(at, path): (usize, &PathBuf)| -> Result<FittedPicture, BakeError> {
+        progress.check()?;
+        let input = picture_file(path)?;
+        let picture = grey_of(&input, rain.layer.as_deref())?.picture;
+        let input = input.fingerprint();
+        let source = Source { file: path, picture: &picture, notes: None };
+        let chosen = match rain.psnr_db {
+            None => ChosenPattern { pattern: fit(&source, rain.fit)?, cheaper: None },
+            Some(asked) => choose_pattern(&source, methods, asked)?,
+        };
+        progress.advance(1);
+        if rain.psnr_db.is_some() {
+            let psnr = chosen.pattern.psnr_db;
+            let mut worst = worst.lock().unwrap_or_else(PoisonError::into_inner);
+            let is_worse =
+                |(least, other, _): &(f64, usize, Grey)| psnr.total_cmp(least).then(at.cmp(other)).is_lt();
+            if worst.as_ref().is_none_or(is_worse) {
+                *worst = Some((psnr, at, picture));
+            }
+        }
+        Ok(FittedPicture { chosen, input })
+    };
+    let pictures: Vec<Result<_, BakeError>> = rain.pictures.par_iter().enumerate().map(fit_one).collect();
+    let pictures = pictures.into_iter().collect::<Result<_, _>>()?;
+    let worst = worst.into_inner().unwrap_or_else(PoisonError::into_inner).map(|(_, at, grey)| (at, grey));
+    Ok(Fitted { pictures, worst })
+}
+
+/// What the next number of cosines would make of the worst pattern.
+fn streaks_beyond(
+    worst: Option<(usize, Grey)>,
+    patterns: &[StreakPattern],
+) -> Result<Option<String>, BakeError> {
+    let Some((at, picture)) = worst else { return Ok(None) };
+    let pattern = &patterns[at];
+    let more = COUNTS.into_iter().find(|&count| count > pattern.pattern.terms());
+    let Some(cosines) = more else { return Ok(None) };
+    let source = Source { file: Path::new(&pattern.name), picture: &picture, notes: None };
+    let better = fit(&source, FitSettings { cosines, method: pattern.method })?;
+    Ok((better.psnr_db > pattern.psnr_db).then(|| pattern_words(&better)))
+}
