@@ -10,6 +10,7 @@ use crate::error::BakeError;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::recipe::model::Recipe;
+use crate::response::cache::ResponseCache;
 use squall_formats::container::OutSection;
 use squall_formats::section::provenance::ProvenanceSection;
 use stage::StageOutput;
@@ -29,10 +30,21 @@ pub struct Baked {
 ///
 /// Errors: an input that is missing or out of range, a method that cannot reach what was asked, an interruption.
 pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError> {
+    bake_with(recipe, None, progress)
+}
+
+/// [`bake`], with a cache of rows that were solved before. The asset has the same bytes with any cache and without one.
+///
+/// Errors: as [`bake`].
+pub fn bake_with(
+    recipe: &Recipe,
+    cache: Option<&ResponseCache>,
+    progress: &dyn Progress,
+) -> Result<Baked, BakeError> {
     let mut output = rain::rain(recipe, progress)?;
     output.append(town::town(recipe)?);
     output.append(town::scenery(recipe));
-    output.append(clouds::clouds(recipe, progress)?);
+    output.append(clouds::clouds(recipe, cache, progress)?);
     let StageOutput { mut sections, inputs, budgets, reports } = output;
     let made_from = ProvenanceSection {
         tool: provenance::tool(),

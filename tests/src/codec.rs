@@ -99,7 +99,7 @@ struct Baked {
 fn bake(case: Case) -> Baked {
     let (cloud, strokes) = (cloud(), strokes());
     let (sources, settings) = (sources(), settings(case));
-    let job = Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+    let job = Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None, cache: None };
     let mut response = bake_response(&job, &Quiet).unwrap();
     let head = CloudHead {
         shape: cloud.shape,
@@ -344,7 +344,7 @@ fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fe
         let settings = ResponseSettings { seen_only, relative_error: error, ..settings(case) };
         let sources = sources();
         let job =
-            Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+            Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None, cache: None };
         asset_of(&cloud, bake_response(&job, &Quiet).unwrap()).unwrap()
     };
     let [(all, _), (seen, _)] = [bake(false, 0.0), bake(true, 0.0)];

@@ -14,6 +14,7 @@ use crate::plan::{Plan, plan};
 use crate::progress::Progress;
 use crate::provenance::input_record;
 use crate::recipe::model::Recipe;
+use crate::response::cache::ResponseCache;
 use crate::response::{HeldOutStroke, Job, Sources, bake_response};
 use squall_formats::container::OutSection;
 use squall_formats::section::provenance::BudgetRecord;
@@ -26,7 +27,11 @@ const ITERATIONS: usize = 6;
 /// Sections of the cloud, if the recipe has one.
 ///
 /// Errors: a scene that is missing or out of range, a budget out of reach, a solve that does not converge, an interruption.
-pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+pub(super) fn clouds(
+    recipe: &Recipe,
+    cache: Option<&ResponseCache>,
+    progress: &dyn Progress,
+) -> Result<StageOutput, BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(StageOutput::default()) };
     let clock = Clock::start();
     let scene = read_scene(&clouds.scene, clouds.optics)?;
@@ -34,7 +39,9 @@ pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOu
     let [nx, ny, nz] = scene.cloud.shape.to_array();
     let made = format!("{nx} × {ny} × {nz} cells");
     let mut grid = clock.report("cloud grid", made, 0, "as given".into());
-    let baked = bake_to_budget(&Site::new(recipe, clouds, &scene.cloud), progress)?;
+    let mut site = Site::new(recipe, clouds, &scene.cloud);
+    site.cache = cache;
+    let baked = bake_to_budget(&site, progress)?;
     grid.bytes = baked.sections[0].length();
     let reports = std::iter::once(grid).chain(baked.reports).collect();
     Ok(StageOutput { inputs, reports, ..baked })
@@ -105,6 +112,7 @@ impl Made {
             settings: &plan.settings,
             held_out: &strokes,
             known: None,
+            cache: site.cache,
         };
         let baked = bake_response(&job, progress)?;
         let (sources, coefficients) = (baked.rows.rows.len(), baked.head.channels.count());
