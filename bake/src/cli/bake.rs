@@ -3,13 +3,14 @@
 mod ahead;
 mod report;
 
-use super::common::{Common, Memory};
+use super::common::{CacheArgs, Common, Memory};
 use super::limits::{self, Limit};
 use super::picture::PictureFile;
 use super::progress::Bars;
 use super::{asset, depfile, folder, json, table};
 use report::Report;
 use squall_bake::BakeError;
+use squall_bake::estimate::estimate;
 use squall_bake::metrics::Figures;
 use squall_bake::output::{Output, Place};
 use squall_bake::progress::Progress;
@@ -56,6 +57,8 @@ pub struct Args {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    cache: CacheArgs,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -119,17 +122,21 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 /// Bakes, and writes what was baked where its figures are within bounds.
-fn bake(args: &Args, recipe: &Recipe, out: &Path, bars: &Bars, report: &mut Report) -> anyhow::Result<()> {
+fn bake(args: &Args, recipe: &Recipe, file: &Path, bars: &Bars, report: &mut Report) -> anyhow::Result<()> {
     let start = Instant::now();
-    let out = Output::prepare(out)?;
+    let out = Output::prepare(file)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     memory::require_bake(recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
-    let baked = pipeline::bake(recipe, bars)?;
+    let cache = args.cache.open(file, || Ok(estimate(recipe)?.cpu_seconds))?;
+    let baked = pipeline::bake_with(recipe, cache.as_ref(), bars)?;
     bars.check()?;
     let length = container::write(&mut std::io::sink(), &baked.sections)?;
     report.figures = figures(&baked.sections, &baked.provenance, length)?;
     let seconds = start.elapsed().as_secs_f64();
     bars.say(&table::stages(&baked.stages, (&out.name(), length), seconds));
+    if let Some(cache) = &cache {
+        report.cached(cache, bars);
+    }
     report.warn(recipe, bars);
     // A build that goes on with what lies in the asset's place must not find there what was refused.
     limits::check(&args.max_error, &report.figures, &out.name())?;

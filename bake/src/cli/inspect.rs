@@ -1,7 +1,12 @@
 //! `squall inspect ASSET [--json]`
+
+mod contents;
+
+use super::json;
 use super::table::{self, Column};
 use glam::DVec3;
 use serde_json::{Value, json};
+use squall_formats::Tag;
 use squall_formats::container::{Entry, FORMAT_VERSION};
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
@@ -23,7 +28,7 @@ use std::path::PathBuf;
 pub struct Args {
     /// The asset.
     asset: PathBuf,
-    /// Print JSON: the section table and the budgets.
+    /// Print JSON: section table, inputs, budgets, grid, response, strokes, view. docs/json.md says what stands in it.
     #[arg(long)]
     json: bool,
 }
@@ -43,14 +48,17 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         None => None,
     };
     if args.json {
-        return table::print(&format!("{:#}\n", in_json(&asset, provenance.as_ref())));
+        let (answer, damage) = in_json(&asset, provenance.as_ref());
+        json::answer(&answer)?;
+        return damage.map_or(Ok(()), |error| Err(error.into()));
     }
     let (text, damage) = in_words(&asset, provenance.as_ref());
     table::print(&text)?;
     damage.map_or(Ok(()), |error| Err(error.into()))
 }
 
-fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
+/// The whole answer, and the first section of those it speaks of that could not be read.
+fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (Value, Option<RuntimeError>) {
     let section = |entry: &Entry| {
         json!({
             "tag": entry.tag.to_string(),
@@ -74,13 +82,30 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
     };
     let sections: Vec<Value> = asset.directory().entries.iter().map(section).collect();
     let budgets: Vec<Value> = provenance.iter().flat_map(|p| &p.budgets).map(budget).collect();
-    json!({
+    let inputs: Vec<Value> = provenance.iter().flat_map(|p| &p.inputs).map(contents::input).collect();
+    let mut damage = None;
+    let mut section = |tag: Tag, read: fn(&Asset) -> Result<Value, RuntimeError>| {
+        let found = asset.directory().find(tag).map(|_| read(asset));
+        found.transpose().unwrap_or_else(|error| {
+            damage.get_or_insert(error);
+            None
+        })
+    };
+    let answer = json!({
+        "command": "inspect",
         "format_version": FORMAT_VERSION,
         "bytes": asset.bytes().len(),
-        "recipe_hash": provenance.map(|p| hex(&p.recipe_hash)),
+        "tool": provenance.map(|p| &p.tool),
+        "recipe_hash": provenance.map(|p| json::hex(&p.recipe_hash)),
+        "inputs": inputs,
         "sections": sections,
         "budgets": budgets,
-    })
+        "grid": section(CloudSection::TAG, contents::grid),
+        "response": section(ResponseSection::TAG, contents::response),
+        "strokes": section(BoltSection::TAG, contents::strokes),
+        "view": section(ViewSection::TAG, contents::view),
+    });
+    (answer, damage)
 }
 
 /// The whole report, and the first section that could not be read.
@@ -90,7 +115,7 @@ fn in_words(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (String, O
     let _ = writeln!(text, "{}: format {FORMAT_VERSION}, {bytes} bytes", asset.path().display());
     if let Some(provenance) = provenance {
         let tool = table::plain(&provenance.tool);
-        let _ = writeln!(text, "baked by {tool} from recipe {}", hex(&provenance.recipe_hash));
+        let _ = writeln!(text, "baked by {tool} from recipe {}", json::hex(&provenance.recipe_hash));
     }
     let mut sections = Vec::new();
     for entry in &asset.directory().entries {
@@ -126,7 +151,7 @@ fn in_words(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (String, O
         if !provenance.inputs.is_empty() {
             let columns = [Column::left("input"), Column::right("bytes"), Column::left("BLAKE3")];
             let rows = provenance.inputs.iter();
-            let rows = rows.map(|i| vec![table::plain(&i.name), table::bytes(i.bytes), hex(&i.hash)]);
+            let rows = rows.map(|i| vec![table::plain(&i.name), table::bytes(i.bytes), json::hex(&i.hash)]);
             let _ = write!(text, "\n{}", table::layout(&columns, &rows.collect::<Vec<_>>()));
         }
         if !provenance.budgets.is_empty() {
@@ -220,7 +245,9 @@ fn describe_response(head: &ResponseHead) -> String {
     let channels = match head.channels {
         DirectionalBasis::Directions26 => "26 directions".to_owned(),
         DirectionalBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
-        DirectionalBasis::ViewRegion { .. } => format!("{} channels towards eyes", head.channels.count()),
+        DirectionalBasis::ViewRegion { .. } => {
+            format!("{} coefficients towards a view region", head.channels.count())
+        }
     };
     let cells = head.shape.len();
     let seen = match (0..cells).filter(|&cell| head.sees(cell)).count() {
@@ -229,7 +256,7 @@ fn describe_response(head: &ResponseHead) -> String {
     };
     let view_region = head.view_region.as_ref().map_or_else(String::new, |view_region| {
         let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
-        format!(", for eyes between {low} and {high} m")
+        format!(", for viewpoints between {low} and {high} m")
     });
     let codec = match head.codec {
         Codec::Paper => "index and value",
@@ -239,15 +266,17 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::InRows => "direct light inside",
         DirectTerm::AtRunTime => "direct light at run time",
     };
+    let pruned = if baked < rows.len() {
+        format!(" (pruned: {:.2} % of their box can be lit)", 100.0 * contents::share_of_bounds(head))
+    } else {
+        String::new()
+    };
     format!(
-        "response: {baked} of {} × {} × {} lamps, {} distant lights, {channels}, {codec}, {direct}{seen}{view_region}",
+        "response: {baked} of {} × {} × {} virtual lights{pruned}, {} distant lights, {channels}, {codec}, {direct}{seen}\
+         {view_region}",
         x_m.len(),
         y_m.len(),
         z_m.len(),
         head.distant.len()
     )
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -7,6 +7,7 @@ use squall_bake::metrics::{Figures, METRICS};
 use squall_bake::pipeline::StageReport;
 use squall_bake::provenance::tool;
 use squall_bake::recipe::Recipe;
+use squall_bake::response::cache::{CacheReport, ResponseCache};
 use std::path::{Path, PathBuf};
 
 /// A bake that came to its end.
@@ -19,6 +20,7 @@ pub struct Report {
     pub(super) stages: Vec<StageReport>,
     pub(super) preview: Option<String>,
     warnings: Vec<String>,
+    cache: Option<(PathBuf, CacheReport)>,
 }
 
 impl Report {
@@ -32,13 +34,36 @@ impl Report {
             stages: Vec::new(),
             preview: None,
             warnings: Vec::new(),
+            cache: None,
         }
+    }
+
+    /// Says what the cache was good for, and keeps it for the answer.
+    pub(super) fn cached(&mut self, cache: &ResponseCache, bars: &Bars) {
+        let (folder, report) = (cache.folder(), cache.report());
+        let CacheReport { rows_found, rows_solved, strokes_found, strokes_solved, .. } = report;
+        bars.say(&format!(
+            "{}: {rows_found} of {} rows and {strokes_found} of {} held-out strokes had been solved before",
+            folder.display(),
+            rows_found + rows_solved,
+            strokes_found + strokes_solved
+        ));
+        if let Some(trouble) = &report.trouble {
+            self.warning(format!("{}: solved light cannot be kept there: {trouble}", folder.display()), bars);
+        }
+        self.cache = Some((folder.to_owned(), report));
+    }
+
+    fn warning(&mut self, words: String, bars: &Bars) {
+        bars.warn(&words);
+        self.warnings.push(words);
     }
 
     /// Says what is worth knowing of the figures, and keeps it for the answer.
     pub(super) fn warn(&mut self, recipe: &Recipe, bars: &Bars) {
-        self.warnings = limits::warnings(recipe, &self.figures);
-        self.warnings.iter().for_each(|warning| bars.warn(warning));
+        for words in limits::warnings(recipe, &self.figures) {
+            self.warning(words, bars);
+        }
     }
 
     pub(super) fn in_json(&self) -> Value {
@@ -51,6 +76,15 @@ impl Report {
                 "error": stage.error,
             })
         };
+        let cache = self.cache.as_ref().map(|(folder, report)| {
+            json!({
+                "folder": folder.to_string_lossy(),
+                "rows_found": report.rows_found,
+                "rows_solved": report.rows_solved,
+                "strokes_found": report.strokes_found,
+                "strokes_solved": report.strokes_solved,
+            })
+        });
         json!({
             "command": "bake",
             "tool": tool(),
@@ -64,6 +98,7 @@ impl Report {
             "metrics": metrics(&self.figures),
             "warnings": self.warnings,
             "preview": self.preview,
+            "cache": cache,
         })
     }
 }
