@@ -11,7 +11,7 @@ use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::density::{lookup_counts, lookup_counts_into};
 use squall_runtime::picture::Picture;
-use squall_runtime::rain::{Environment, Rain, Scene, Shot, SmoothWindow, Weather, Workspace};
+use squall_runtime::rain::{Rain, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
 use squall_runtime::random::Random;
 use std::hint::black_box;
 use std::time::Instant;
@@ -97,7 +97,7 @@ fn frames(rain: &Rain, rate: f64, fov: f64) {
     let mut random = Random::new(9);
     let mut workspace = Workspace::new();
     let mut picture = Picture::new(1920, 1080).unwrap();
-    let light = Environment { above: [1.0; 3], below: [0.1; 3], behind: [0.3; 3], ..Default::default() };
+    let light = Surroundings { above: [1.0; 3], below: [0.1; 3], behind: [0.3; 3], ..Default::default() };
     let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain: 1.0 };
     let (mut find, mut draw, mut inside, mut drawn, mut kept) = (vec![], vec![], 0.0, 0, 0.0);
     for _ in 0..POSES {

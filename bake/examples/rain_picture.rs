@@ -12,7 +12,7 @@ use squall_runtime::depth::{DepthBuffer, DepthKind};
 use squall_runtime::medium::{Illumination, Medium, Outlook};
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{
-    Ceiling, Environment, Rain, RainVolume, Scene, Shot, SmoothWindow, Weather, Workspace,
+    Ceiling, Rain, RainVolume, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace,
 };
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let depth = DepthBuffer::new(&metres, picture.width, picture.height, DepthKind::Range)?;
-    let environment = Environment::from_picture(&picture);
+    let environment = Surroundings::from_picture(&picture);
 
     let section = bake_density(&DensitySpec::default())?;
     let rain = Rain::new(&section, 1);

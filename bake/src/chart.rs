@@ -28,7 +28,7 @@ pub const CHARTS: [(&str, &str); 7] = [
     ("streaks", "How many cosines does a streak need?"),
     ("density", "How large must the table of counts be?"),
     ("transport", "How finely must light be solved for?"),
-    ("lightning-grid", "How many virtual lamps does a stroke need?"),
+    ("lightning-grid", "How many virtual lights does a stroke need?"),
     ("compression", "How many bytes does a response need?"),
     ("end-to-end", "Where does baking start to pay?"),
     ("rain-frame", "What does rain cost a frame?"),

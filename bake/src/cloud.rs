@@ -6,7 +6,7 @@
 //!
 //! | symbol | name | unit |
 //! | φ | fluence rate ∫ L dΩ | W/m² |
-//! | J | in-scattered radiance ∫ p(ω·ω') L(ω') dω' towards a camera | W/(m² sr) |
+//! | J | in-scattered radiance ([`squall_formats::basis`]) towards a camera | W/(m² sr) |
 
 pub mod image;
 

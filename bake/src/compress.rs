@@ -4,7 +4,7 @@
 //! its own norm over cells and channels. One threshold serves all channels of a source, because a coefficient left out costs
 //! its square wherever it stands. Precision narrows here and nowhere before.
 
-use squall_formats::section::response::{ChannelBound, Codec, StreamWriter};
+use squall_formats::section::response::{Codec, CoefficientBound, StreamWriter};
 
 /// Width of a quantiser step as a share of ξ: values near ξ are coarse, but they are also what the budget already gives up.
 const STEP_PER_THRESHOLD: f32 = 0.75;
@@ -15,7 +15,7 @@ pub struct CompressedRow {
     /// As it lies in section `CLRT`.
     pub bytes: Vec<u8>,
     /// One bound a channel.
-    pub bounds: Vec<ChannelBound>,
+    pub bounds: Vec<CoefficientBound>,
     /// Coefficients kept, means not counted.
     pub kept: usize,
     /// The threshold that came out.
@@ -134,7 +134,7 @@ fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -
         heads.extend_from_slice(&step.to_le_bytes());
         heads.extend_from_slice(&(stream.len() as u32).to_le_bytes());
         streams.extend_from_slice(&stream);
-        bounds.push(ChannelBound { discarded: round_up(discarded), quantised: round_up(quantised) });
+        bounds.push(CoefficientBound { discarded: round_up(discarded), quantised: round_up(quantised) });
     }
     heads.extend_from_slice(&streams);
     CompressedRow { bytes: heads, bounds, kept, threshold }
@@ -151,11 +151,13 @@ fn round_up(sum: f64) -> f32 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use squall_formats::section::response::{accumulate, channels};
+    use squall_formats::section::response::{accumulate, coefficient_planes};
 
     fn decode(row: &CompressedRow, count: usize, cells: usize, codec: Codec) -> Vec<f32> {
         let mut out = vec![0.0; count * cells];
-        for (channel, plane) in channels(&row.bytes, count).unwrap().iter().zip(out.chunks_exact_mut(cells)) {
+        for (channel, plane) in
+            coefficient_planes(&row.bytes, count).unwrap().iter().zip(out.chunks_exact_mut(cells))
+        {
             accumulate(channel, codec, 1.0, plane).unwrap();
         }
         out
@@ -207,7 +209,7 @@ mod tests {
                 let wanted: Vec<f32> = (0..64).map(|i| if i % 32 == 0 { 1.0 } else { 0.0 }).collect();
                 assert_eq!(decode(&row, 2, 32, codec), wanted);
                 // 2² + … + 32².
-                assert_eq!(row.bounds[0], ChannelBound { discarded: 11439f32.sqrt(), quantised: 0.0 });
+                assert_eq!(row.bounds[0], CoefficientBound { discarded: 11439f32.sqrt(), quantised: 0.0 });
             }
         }
     }

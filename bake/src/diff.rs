@@ -227,7 +227,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     let head = |relighter: &Relighter<'_>| {
         let frame =
             relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
-        views.factors(relighter.response().head.channels, frame.as_ref())
+        views.factors(relighter.response().head.basis, frame.as_ref())
     };
     let factors = [head(&x), head(&r)];
     let both = |light: &PointLight| x.reaches(light.position) && r.reaches(light.position);

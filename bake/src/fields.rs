@@ -33,7 +33,7 @@ pub struct Fields {
     pub phi_scattered: Estimate,
     /// Never scattered fluence rate per cell, W/m².
     pub phi_direct: Estimate,
-    /// J per cell towards each orthographic camera, by its name, W/(m² sr): ∫ p L dω, all orders.
+    /// J per cell towards each orthographic camera, by its name, W/(m² sr), of all orders: [`squall_formats::basis`].
     pub towards: Vec<(String, Estimate)>,
     /// 1 in cells whose light is known, 0 in others; absent where all are. [`Fields::write`]: `seen.f32`.
     pub seen: Option<Estimate>,

@@ -104,6 +104,9 @@ impl Input {
     ///
     /// Errors: bytes that are no UTF-8.
     pub fn text(&self, what: &str) -> Result<&str, BakeError> {
+        if !may_be_text(&self.bytes) {
+            return Err(BakeError::input(&self.path, "file", format!("{what}, UTF-8 text"), self.kind()));
+        }
         match std::str::from_utf8(&self.bytes) {
             Ok(text) => Ok(without_mark(text)),
             Err(error) => {
@@ -138,7 +141,7 @@ pub fn read_text(path: &Path, what: &str) -> Result<String, BakeError> {
     Ok(String::from_utf8(input.bytes).unwrap_or_default())
 }
 
-/// Whether bytes may start a text: none is a control character but white space.
+/// Whether bytes may be text: text has no zero bytes.
 pub(crate) fn may_be_text(start: &[u8]) -> bool {
     !start.iter().any(|&byte| byte == 0)
 }

@@ -6,7 +6,7 @@
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
 use crate::plan::lights::Site;
-use crate::recipe::{Clouds, Recipe};
+use crate::recipe::model::{Clouds, Recipe};
 use crate::response::BATCH;
 use squall_formats::section::response::DirectTerm;
 use squall_formats::sphere::MAX_HARMONICS;
@@ -86,23 +86,23 @@ pub fn of_solve(cells: u64, refine: u32, directions: u64) -> Estimate {
     Estimate { shared, thread: 0, threads: 1, cells }
 }
 
-/// Memory of baking `rows` of `channels` a cell for the response of a grid of `cells`.
+/// Memory of baking `rows` of `basis` a cell for the response of a grid of `cells`.
 fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate {
     let settings = &clouds.response;
     let (lanes, harmonics) = (BATCH as u64, MAX_HARMONICS as u64);
-    let channels = settings.channels.count() as u64;
+    let basis = settings.basis.count() as u64;
     let fine = cells.saturating_mul(u64::from(settings.refine).saturating_pow(3));
     let in_rows = settings.direct == DirectTerm::InRows;
     // A batch: the solver's vectors and what it gathers, a lane a light; direct light of one.
     let of_fine = ((VECTORS - 1) * BAKE_MOMENTS + harmonics) * lanes + BAKE_MOMENTS + 1 + harmonics;
     let towards = if in_rows { DIRECTIONS } else { 0 };
-    let of_cell = towards * lanes + harmonics + 3 * channels;
+    let of_cell = towards * lanes + harmonics + 3 * basis;
     let thread = fine.saturating_mul((of_fine + towards) * VALUE).saturating_add(cells * of_cell * VALUE);
-    // A judged stroke: its truth and its direct part in all directions, and its rows' sum.
+    // A held-out stroke: its truth and its direct part in all directions, and its rows' sum.
     let strokes = u64::from(clouds.held_out_strokes);
-    let stroke = cells * (2 * DIRECTIONS + 1 + channels) * VALUE;
-    // Rows are held as they are coded, as a section and once more as an asset to judge.
-    let coded = 3.0 * CODED * rows as f64 * channels as f64 * cells as f64;
+    let stroke = cells * (2 * DIRECTIONS + 1 + basis) * VALUE;
+    // Rows are held as they are coded, as a section and once more as an asset to score.
+    let coded = 3.0 * CODED * rows as f64 * basis as f64 * cells as f64;
     let shared = PROGRAM
         .saturating_add(fine.saturating_mul(PREPARED * VALUE))
         .saturating_add(cells * 2 * VALUE)
@@ -112,31 +112,34 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
     Estimate { shared, thread, threads: threads.min(batches).min(lanes), cells }
 }
 
+/// What [`require_bake`] can tell before the grid's cells are read: whether one batch of sources fits.
+///
+/// Errors (exit code 3): too little memory.
+pub fn require_grid(recipe: &Recipe, limit: Limit) -> Result<(), BakeError> {
+    let Some(clouds) = &recipe.clouds else { return Ok(()) };
+    let Some(cells) = cells_of(&clouds.scene) else { return Ok(()) };
+    of_response(clouds, cells, 1, 1).require(&clouds.scene, limit, remedy(clouds))
+}
+
+fn remedy(clouds: &Clouds) -> &'static str {
+    if clouds.response.refine > 1 { ", or a smaller clouds.transport.refine" } else { "" }
+}
+
 /// Memory of baking `recipe` on `threads`; none where it has no clouds. Settings that budgets choose count as the recipe's own.
 ///
-/// `limit` is asked twice: of the grid's size alone before its cells are read, and of all sources then. Errors: too little memory
-/// (exit code 3); inputs that are missing or out of range.
+/// Errors: too little memory (exit code 3); inputs that are missing or out of range.
 pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Option<Estimate>, BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(None) };
-    let remedy = if clouds.response.refine > 1 { ", or a smaller clouds.transport.refine" } else { "" };
-    if let Some(cells) = cells_of(&clouds.scene) {
-        of_response(clouds, cells, 1, threads).require(&clouds.scene, limit, remedy)?;
-    }
     let cloud = read_scene(&clouds.scene, clouds.optics)?.cloud;
     let rows = rows_of(recipe, clouds, &cloud)? + clouds.distant.len() as u64;
     let estimate = of_response(clouds, cloud.shape.len() as u64, rows, threads);
-    estimate.require(&clouds.scene, limit, remedy)?;
+    estimate.require(&clouds.scene, limit, remedy(clouds))?;
     Ok(Some(estimate))
 }
 
 fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeError> {
-    if clouds.lights.spacing_m > 0.0 {
-        return Ok(
-            Site::new(recipe, clouds, cloud).place_lights(clouds.lights.spacing_m)?.wanted_count() as u64
-        );
-    }
-    // As many as a spacing of a twelfth of the longest side makes of a cube.
-    Ok(13u64.pow(3))
+    let site = Site::new(recipe, clouds, cloud);
+    Ok(site.place_lights(site.usual_spacing_m())?.wanted_count() as u64)
 }
 
 /// Cells of a scene's grid by its own words, without reading it; none where they do not say.

@@ -1,4 +1,4 @@
-//! Light of point sources and beams in a cloud grid by chance: photons, followed one by one.
+//! Light of point sources and beams in a cloud grid by Monte Carlo: photons, followed one by one.
 //!
 //! A second truth beside the sweep (`cloud.rs`), which shares the scene and the form of its results with it and nothing else:
 //! exact paths in place of a swept grid, directions drawn from the phase function itself in place of moments and delta
@@ -7,11 +7,11 @@
 //!
 //! Photons run in 32 batches, each with a random stream of its own; means and standard errors come from the batches, in
 //! their order, so that the bytes do not depend on the number of threads. Errors of neighbouring cells and pixels are
-//! correlated: whole maps are judged by the error of their mean in [`ChanceReport`], never by an error over √n.
+//! correlated: whole maps are held to the error of their mean in [`MonteCarloReport`], never by an error over √n.
 //!
 //! | symbol | name | unit |
 //! | φ | fluence rate ∫ L dΩ | W/m² |
-//! | J | in-scattered radiance ∫ p(ω·ω') L(ω') dω' towards a camera | W/(m² sr) |
+//! | J | in-scattered radiance ([`squall_formats::basis`]) towards a camera | W/(m² sr) |
 
 mod image;
 mod phase;
@@ -37,14 +37,14 @@ use traverse::Grid;
 
 /// How much chance.
 #[derive(Clone, Copy, Debug)]
-pub struct ChanceSettings {
+pub struct MonteCarloSettings {
     /// Photons, within [`PHOTONS`]: the standard error falls with their square root.
     pub photons: u64,
     /// Every seed gives results of its own, the same seed always the same.
     pub seed: u64,
 }
 
-impl Default for ChanceSettings {
+impl Default for MonteCarloSettings {
     fn default() -> Self {
         Self { photons: 1_000_000, seed: 1 }
     }
@@ -74,7 +74,7 @@ pub struct Measured {
 
 /// How it went, and where the energy is.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct ChanceReport {
+pub struct MonteCarloReport {
     /// Photons started.
     pub samples: u64,
     /// The seed.
@@ -103,13 +103,13 @@ pub struct ChanceReport {
 ///
 /// Errors: photons out of range, a beam that is level in a grid without sides, cameras that `image.rs` cannot serve there, more
 /// memory than it may take, an interruption.
-pub fn solve_by_chance(
+pub fn solve_monte_carlo(
     cloud: &Cloud,
     light: Light,
     cameras: &[(String, Camera)],
-    settings: &ChanceSettings,
+    settings: &MonteCarloSettings,
     progress: &dyn Progress,
-) -> Result<(Fields, ChanceReport), BakeError> {
+) -> Result<(Fields, MonteCarloReport), BakeError> {
     if !PHOTONS.contains(&settings.photons) {
         let wanted = format!("{} to {} photons", PHOTONS.start(), PHOTONS.end());
         return Err(RuntimeError::argument("samples", wanted, settings.photons).into());
@@ -150,7 +150,7 @@ pub fn solve_by_chance(
 fn run_batch(
     scene: &Scene<'_>,
     source: &Source,
-    settings: &ChanceSettings,
+    settings: &MonteCarloSettings,
     (batch, cells): (u64, usize),
     progress: &dyn Progress,
 ) -> Result<Tally, BakeError> {
@@ -261,8 +261,8 @@ impl Sums {
         &self,
         cloud: &Cloud,
         cameras: &[(String, Camera)],
-        settings: &ChanceSettings,
-    ) -> (Fields, ChanceReport) {
+        settings: &MonteCarloSettings,
+    ) -> (Fields, MonteCarloReport) {
         let volume = cloud.cell_volume();
         let field = |offset: usize| self.cells.estimate(offset, self.stride, volume);
         let names: Vec<&String> = orthographic(cameras).map(|(name, _)| name).collect();
@@ -292,7 +292,7 @@ impl Sums {
         let power = |index: usize| self.power.measured(index);
         let met = power(0).mean;
         let share = |value: f64| if met > 0.0 { value / met } else { 0.0 };
-        let report = ChanceReport {
+        let report = MonteCarloReport {
             samples: settings.photons,
             seed: settings.seed,
             batches: BATCHES,

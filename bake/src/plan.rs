@@ -41,7 +41,7 @@ pub struct Plan {
 impl std::fmt::Display for Plan {
     /// The setting in words.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&setting(self.spacing_m, self.settings.channels, self.settings.relative_error))
+        f.write_str(&setting(self.spacing_m, self.settings.basis, self.settings.relative_error))
     }
 }
 
@@ -71,7 +71,7 @@ pub fn plan(site: &Site<'_>, margins: Margins, progress: &dyn Progress) -> Resul
         let best = search.best(progress)?;
         plan.tried += search.tried();
         plan.spacing_m = best.spacing_m;
-        plan.settings.channels = best.basis;
+        plan.settings.basis = best.basis;
         plan.settings.relative_error = best.error;
         [plan.next_better, plan.next_cheaper] = search.neighbours(&best);
     }
@@ -82,7 +82,7 @@ pub fn plan(site: &Site<'_>, margins: Margins, progress: &dyn Progress) -> Resul
 fn check_view_region(site: &Site<'_>) -> Result<(), BakeError> {
     let clouds = site.clouds;
     let (DirectionalBasis::ViewRegion { .. }, Some(view_region)) =
-        (clouds.response.channels, &clouds.response.view_region)
+        (clouds.response.basis, &clouds.response.view_region)
     else {
         return Ok(());
     };

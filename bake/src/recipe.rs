@@ -6,7 +6,9 @@
 mod clouds;
 mod file;
 pub mod model;
+mod number;
 mod place;
+mod rain;
 mod view;
 
 use crate::error::BakeError;

@@ -104,7 +104,7 @@ pub fn relight(
 ) -> Result<(Fields, RelitReport), BakeError> {
     let (cloud, head) = (relighter.cloud(), &relighter.response().head);
     relighter.check_camera(camera)?;
-    if let (true, DirectionalBasis::ViewRegion { .. }) = (cells, head.channels) {
+    if let (true, DirectionalBasis::ViewRegion { .. }) = (cells, head.basis) {
         let wanted = "channels over the whole sphere: the asset's hold light towards eyes alone, and pictures can be made of them";
         return Err(RuntimeError::argument("fields", wanted, "fluence per cell asked for").into());
     }

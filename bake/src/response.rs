@@ -23,13 +23,14 @@ pub use crate::recipe::model::ResponseSettings;
 use batch::{Finish, Row, RowSolver, SOLVED, Wanted, Work};
 use cache::ResponseCache;
 pub use directions::{add_direct, in_26_directions};
-pub use grid::{LightGrid, LightSpacing, light_grid};
+pub use grid::{LightSpacing, WantedLights, light_grid};
 pub use job::{BakedResponse, HeldOutStroke, Job, Sources};
 use rayon::prelude::*;
 pub use schedule::BATCH;
 use schedule::{Part, parts, planned_head};
 pub use solved::SolvedRows;
 use solved::TowardsViewRegion;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{ResponseHead, ResponseRows};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
@@ -44,7 +45,7 @@ const BATCHES_AT_ONCE: usize = 16;
 /// Errors: a solve that does not converge, settings out of range, a view region that sees nothing, an interruption.
 pub fn bake_response(job: &Job<'_>, progress: &dyn Progress) -> Result<BakedResponse, BakeError> {
     let settings = job.settings;
-    let count = settings.channels.count();
+    let count = settings.basis.count();
     let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
     let (mut rows, mut kept) = (ResponseRows::default(), 0);
     let mut take = |row: CompressedRow| {
@@ -64,7 +65,7 @@ pub fn solve_rows(job: &Job<'_>, progress: &dyn Progress) -> Result<SolvedRows, 
     let keep = |planes: Vec<f32>| planes;
     let Gathered { head, held_out, sweeps } =
         solve_each_row(job, &keep, &mut |row| planes.push(row), progress)?;
-    let towards = match (job.settings.channels, &job.settings.view_region) {
+    let towards = match (job.settings.basis, &job.settings.view_region) {
         (SOLVED, Some(view_region)) => Some(TowardsViewRegion::new(job.cloud, view_region, &head)),
         _ => None,
     };
@@ -81,7 +82,8 @@ pub fn solve_held_out(
     cache: Option<&ResponseCache>,
     progress: &dyn Progress,
 ) -> Result<Vec<HeldOutStroke>, BakeError> {
-    let lights = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0], wanted: vec![false] };
+    let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
+    let lights = WantedLights { grid, wanted: vec![false] };
     let sources = Sources { lights, distant: Vec::new() };
     let job = Job { cloud, sources: &sources, settings, held_out, known: None, cache };
     Ok(solve_rows(&job, progress)?.held_out)

@@ -3,8 +3,10 @@
 mod chart;
 mod diff;
 mod disk;
+mod inputs;
 mod inspect;
 mod monte_carlo;
+mod outputs;
 mod peers;
 mod query;
 mod recipe;

@@ -88,7 +88,7 @@ fn inspect_says_in_words_what_each_section_holds() {
     assert_eq!((code, error.as_str()), (0, ""));
     for words in [
         "9 × 8 × 4 cells of 50 × 40 × 30 m",
-        "64 of 4 × 4 × 4 lamps, 3 distant lights, 4 harmonics",
+        "64 of 4 × 4 × 4 virtual lights, 3 distant lights, 4 harmonics",
         "2 strokes: inside, ground",
         "from 1 to 50 mm/h, 3 classes",
         "cloud.f32",

@@ -95,7 +95,7 @@ fn fields_and_pictures_have_the_scenes_dims_and_the_report_says_how_they_came_ab
     let out = folder.path().join("new/folder");
     let ran = solve(&scene, "inside", &out, &[]);
     assert_eq!((ran.code, ran.error.as_str()), (0, ""), "nothing on stderr when it is no terminal");
-    assert!(ran.out.contains("residual") && ran.out.contains("energy balance"), "{}", ran.out);
+    assert!(ran.error.contains("residual") && ran.error.contains("energy balance"), "{}", ran.error);
     let mut names: Vec<String> =
         std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
@@ -281,17 +281,9 @@ fn empty_black_and_dark_scenes_are_answered() {
     fields(folder.path(), &bare, &density(), "inside", ["phi_sc.f32"], &["--refine", "1"]);
 }
 
-#[test]
-fn bad_input_is_one_line_that_names_file_field_wanted_and_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let refused = |scene: &Path, words: &str| {
-        let ran = solve(scene, "inside", &out, &[]);
-        assert_eq!((ran.code, ran.out.as_str()), (3, ""), "{words}: {}", ran.error);
-        assert!(ran.error.contains(words) && ran.error.lines().count() == 1, "{words}: {}", ran.error);
-        assert!(!out.exists(), "{words}: nothing is left behind");
-    };
-    let cases: Vec<(&str, Value, &str)> = vec![
+/// Keys of a scene with values that are refused, and words of the refusal.
+fn bad_values() -> Vec<(&'static str, Value, &'static str)> {
+    vec![
         ("albedo", json!(1.01), "albedo: wanted 0 to 1, found 1.01"),
         ("albedo", json!(-0.1), "albedo"),
         ("g", json!(1.0), "g: wanted between -1 and 1"),
@@ -339,8 +331,20 @@ fn bad_input_is_one_line_that_names_file_field_wanted_and_found() {
             json!([{ "name": "a", "width": 8, "height": 8, "origin_m": [0, 0, 0], "direction": [1, 0, 0] }]),
             "vertical_fov_deg",
         ),
-    ];
-    for (key, value, words) in cases {
+    ]
+}
+
+#[test]
+fn bad_input_is_one_line_that_names_file_field_wanted_and_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let refused = |scene: &Path, words: &str| {
+        let ran = solve(scene, "inside", &out, &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (3, ""), "{words}: {}", ran.error);
+        assert!(ran.error.contains(words) && ran.error.lines().count() == 1, "{words}: {}", ran.error);
+        assert!(!out.exists(), "{words}: nothing is left behind");
+    };
+    for (key, value, words) in bad_values() {
         let mut scene = scene();
         scene[key] = value;
         refused(&write_scene(folder.path(), &scene, &density()), words);

@@ -3,8 +3,8 @@
 //! `read` and `write` stand beside each other. Reading never allocates more than the section table and
 //! never touches a section until it is asked for, so opening costs the same for any size of asset.
 
-use crate::error::{Limits, ReadError};
-use crate::section::Tag;
+use crate::error::{Limits, MAGIC_FIELD, ReadError};
+use crate::tag::Tag;
 use std::io::Write;
 
 /// First eight bytes of every asset. The first is no ASCII and the last is a line feed, so that a
@@ -18,8 +18,6 @@ pub const ALIGNMENT: u64 = 64;
 const HEADER_BYTES: usize = 64;
 const ENTRY_BYTES: usize = 48;
 const FLAG_REQUIRED: u16 = 1;
-/// How errors name the first eight bytes; [`ReadError::is_foreign`] looks for it.
-pub(crate) const MAGIC_FIELD: &str = "magic";
 
 /// One line of the section table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,6 +96,19 @@ fn align(offset: u64) -> Option<u64> {
 /// Writes a whole asset, sections in the order given. The stream gets every byte once, front to back.
 ///
 /// Errors: whatever `out` reports. Panics when a tag stands twice, which is a mistake of the caller.
+///
+/// ```
+/// use squall_formats::container::{Directory, OutSection, write};
+/// use squall_formats::{Limits, Tag};
+///
+/// let mut file = Vec::new();
+/// write(&mut file, &[OutSection::small(Tag(*b"NOTE"), 1, false, b"hello".to_vec())])?;
+///
+/// let directory = Directory::read(&file, &Limits::default())?;
+/// assert_eq!(directory.section(&file, Tag(*b"NOTE"), "a note")?, b"hello");
+/// assert!(Directory::read(&file[..file.len() - 1], &Limits::default()).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write<W: Write>(out: &mut W, sections: &[OutSection]) -> std::io::Result<u64> {
     for (i, section) in sections.iter().enumerate() {
         assert!(sections[..i].iter().all(|s| s.tag != section.tag), "section {} twice", section.tag);
@@ -166,46 +177,79 @@ fn header_error(offset: u64, field: &'static str, wanted: impl ToString, found: 
     ReadError::Header { offset, field, wanted: wanted.to_string(), found: found.to_string() }
 }
 
+/// Number of sections, from a header with everything in it checked.
+fn read_header(bytes: &[u8], limits: &Limits) -> Result<u32, ReadError> {
+    let total = bytes.len() as u64;
+    let start = &bytes[..bytes.len().min(MAGIC.len())];
+    if start != MAGIC {
+        let kind = crate::magic::kind_of(&bytes[..bytes.len().min(crate::magic::LOOKED_AT)]);
+        let found = kind.map_or_else(|| start.escape_ascii().to_string(), str::to_owned);
+        return Err(header_error(0, MAGIC_FIELD, "\\x89SQUALL\\n (a .squall asset)", found));
+    }
+    if bytes.len() < HEADER_BYTES {
+        return Err(header_error(8, "file length", "at least 64 bytes", format!("{total} bytes")));
+    }
+    let version = le_u16(bytes, 8);
+    if version != FORMAT_VERSION {
+        return Err(ReadError::Unsupported {
+            what: "the asset's format".into(),
+            found: version,
+            newest: FORMAT_VERSION,
+        });
+    }
+    if checksum(&bytes[..60]) != le_u32(bytes, 60) {
+        let found = format!("{:08x}", checksum(&bytes[..60]));
+        return Err(header_error(60, "header checksum", format!("{:08x}", le_u32(bytes, 60)), found));
+    }
+    if bytes[10..12].iter().chain(&bytes[28..60]).any(|&b| b != 0) {
+        return Err(header_error(10, "reserved bytes", "zero", "something else"));
+    }
+    let count = le_u32(bytes, 12);
+    if count > limits.sections {
+        return Err(header_error(12, "section count", format!("at most {}", limits.sections), count));
+    }
+    if le_u64(bytes, 16) != total {
+        let wanted = format!("{} bytes, as the header says", le_u64(bytes, 16));
+        return Err(header_error(16, "file length", wanted, format!("{total} bytes")));
+    }
+    Ok(count)
+}
+
+/// A line of the section table, which stands at byte `at` of the file: what can be checked of it by itself.
+fn read_entry(line: &[u8], at: u64) -> Result<Entry, ReadError> {
+    let flags = le_u16(line, 6);
+    let entry = Entry {
+        tag: Tag([line[0], line[1], line[2], line[3]]),
+        version: le_u16(line, 4),
+        required: flags & FLAG_REQUIRED != 0,
+        offset: le_u64(line, 8),
+        length: le_u64(line, 16),
+        head_length: le_u64(line, 24),
+        checksum: le_u32(line, 32),
+        head_checksum: le_u32(line, 36),
+    };
+    if flags & !FLAG_REQUIRED != 0 || line[40..].iter().any(|&b| b != 0) {
+        return Err(header_error(at + 6, "section flags and reserved bytes", "zero", "something else"));
+    }
+    if !entry.tag.is_letters() {
+        return Err(header_error(at, "section tag", "four ASCII letters", entry.tag));
+    }
+    if entry.version == 0 {
+        return Err(header_error(at + 4, "section version", "1 or above", entry.version));
+    }
+    Ok(entry)
+}
+
 impl Directory {
     /// Checks header and table of a whole asset in memory (or mapped) and returns the table.
     ///
     /// Everything but the sections themselves is checked: magic, version, counts against `limits`,
-    /// both checksums, that the sections follow each other without gap or overlap, that reserved bytes
-    /// and padding are zero and that the file ends where it says. Cost: the table and 64 bytes a section.
+    /// both checksums, tags and versions of sections, that the sections follow each other without gap or
+    /// overlap, that reserved bytes and padding are zero and that the file ends where it says. Which sections
+    /// there are is not: see [`crate::section::check_marks`]. Cost: the table and 64 bytes a section.
     pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, ReadError> {
+        let count = read_header(bytes, limits)?;
         let total = bytes.len() as u64;
-        let start = &bytes[..bytes.len().min(MAGIC.len())];
-        if start != MAGIC {
-            let kind = crate::magic::kind_of(&bytes[..bytes.len().min(crate::magic::LOOKED_AT)]);
-            let found = kind.map_or_else(|| start.escape_ascii().to_string(), str::to_owned);
-            return Err(header_error(0, MAGIC_FIELD, "\\x89SQUALL\\n (a .squall asset)", found));
-        }
-        if bytes.len() < HEADER_BYTES {
-            return Err(header_error(8, "file length", "at least 64 bytes", format!("{total} bytes")));
-        }
-        let version = le_u16(bytes, 8);
-        if version != FORMAT_VERSION {
-            return Err(ReadError::Unsupported {
-                what: "the asset's format".into(),
-                found: version,
-                newest: FORMAT_VERSION,
-            });
-        }
-        if checksum(&bytes[..60]) != le_u32(bytes, 60) {
-            let found = format!("{:08x}", checksum(&bytes[..60]));
-            return Err(header_error(60, "header checksum", format!("{:08x}", le_u32(bytes, 60)), found));
-        }
-        if bytes[10..12].iter().chain(&bytes[28..60]).any(|&b| b != 0) {
-            return Err(header_error(10, "reserved bytes", "zero", "something else"));
-        }
-        let count = le_u32(bytes, 12);
-        if count > limits.sections {
-            return Err(header_error(12, "section count", format!("at most {}", limits.sections), count));
-        }
-        if le_u64(bytes, 16) != total {
-            let wanted = format!("{} bytes, as the header says", le_u64(bytes, 16));
-            return Err(header_error(16, "file length", wanted, format!("{total} bytes")));
-        }
         let table_end = HEADER_BYTES + count as usize * ENTRY_BYTES;
         let Some(table) = bytes.get(HEADER_BYTES..table_end) else {
             return Err(header_error(
@@ -223,25 +267,7 @@ impl Directory {
         let mut end = table_end as u64;
         for (i, line) in table.chunks_exact(ENTRY_BYTES).enumerate() {
             let at = (HEADER_BYTES + i * ENTRY_BYTES) as u64;
-            let flags = le_u16(line, 6);
-            let entry = Entry {
-                tag: Tag([line[0], line[1], line[2], line[3]]),
-                version: le_u16(line, 4),
-                required: flags & FLAG_REQUIRED != 0,
-                offset: le_u64(line, 8),
-                length: le_u64(line, 16),
-                head_length: le_u64(line, 24),
-                checksum: le_u32(line, 32),
-                head_checksum: le_u32(line, 36),
-            };
-            if flags & !FLAG_REQUIRED != 0 || line[40..].iter().any(|&b| b != 0) {
-                return Err(header_error(
-                    at + 6,
-                    "section flags and reserved bytes",
-                    "zero",
-                    "something else",
-                ));
-            }
+            let entry = read_entry(line, at)?;
             if entries.iter().any(|e| e.tag == entry.tag) {
                 return Err(header_error(at, "section tag", "each tag once", format!("{} again", entry.tag)));
             }

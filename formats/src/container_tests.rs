@@ -56,7 +56,10 @@ fn refusal(bytes: &[u8]) -> (&'static str, String) {
 /// Sections of any tag, version, size and division into head and bulk.
 fn sections() -> impl Strategy<Value = Vec<OutSection>> {
     let part = proptest::collection::vec(any::<u8>(), 0..200);
-    let section = (any::<[u8; 4]>(), any::<u16>(), any::<bool>(), 0.0..=1.0f64);
+    // Four letters, and any version but 0.
+    let letter = || any::<(bool, u8)>().prop_map(|(small, at)| if small { b'a' } else { b'A' } + at % 26);
+    let tag = [letter(), letter(), letter(), letter()];
+    let section = (tag, 1..=u16::MAX, any::<bool>(), 0.0..=1.0f64);
     let section = (section, proptest::collection::vec(part, 0..4)).prop_map(|(entry, parts)| {
         let (tag, version, required, head) = entry;
         let length: usize = parts.iter().map(Vec::len).sum();
@@ -194,7 +197,7 @@ fn forged_fields_under_right_checksums_are_each_refused_by_name() {
     const SECOND: usize = HEADER_BYTES + ENTRY_BYTES;
     let number = |value: u64| value.to_le_bytes().to_vec();
     let huge = u64::MAX.to_le_bytes().to_vec();
-    let cases: [(&str, usize, Vec<u8>); 19] = [
+    let cases: [(&str, usize, Vec<u8>); 23] = [
         ("reserved bytes", 10, vec![1]),
         ("reserved bytes", 59, vec![1]),
         ("section count", 12, u32::MAX.to_le_bytes().to_vec()),
@@ -204,6 +207,10 @@ fn forged_fields_under_right_checksums_are_each_refused_by_name() {
         ("file length", 16, number(64)),
         ("file length", 16, huge.clone()),
         ("section tag", SECOND, b"SMAL".to_vec()),
+        ("section tag", SECOND, b"SMA1".to_vec()),
+        ("section tag", SECOND, b"S AL".to_vec()),
+        ("section tag", FIRST, vec![0xC3, 0xA4, b'A', b'A']),
+        ("section version", SECOND + 4, vec![0, 0]),
         ("section flags and reserved bytes", FIRST + 6, vec![3]),
         ("section flags and reserved bytes", FIRST + 40, vec![1]),
         // The header itself, the section before, off the boundary, past the end, beyond all addresses.

@@ -1,13 +1,14 @@
 //! What can be wrong with bytes, split by who must act, and the limits checked before memory is taken.
 
-use crate::section::Tag;
+use crate::tag::Tag;
+
+/// How errors name the first eight bytes of a file; [`ReadError::is_foreign`] looks for it.
+pub(crate) const MAGIC_FIELD: &str = "magic";
 
 /// Why bytes were refused. Each says where, what was wanted and what was found.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReadError {
-    /// The operating system could not read.
-    #[error("cannot read: {0}")]
-    Io(#[from] std::io::Error),
     /// Not a Squall asset at all, or one whose header was damaged.
     #[error("header, byte {offset}: {field}: wanted {wanted}, found {found}")]
     Header {
@@ -69,12 +70,13 @@ pub enum ReadError {
         found: u32,
     },
     /// A value outside its range.
-    #[error("section {section}, byte {offset}: {field}: wanted {wanted}, found {found}")]
+    #[error("section {section}{}: {field}: wanted {wanted}, found {found}", place(.offset))]
     Invalid {
         /// Section that holds the value.
         section: Tag,
-        /// Offset inside the section, 0 where the field has no fixed place.
-        offset: u64,
+        /// Offset of the value inside the section; `None` where the field has no place of its own, as those of a
+        /// metadata record behind lists have none.
+        offset: Option<u64>,
         /// Which field.
         field: &'static str,
         /// What a good file has there.
@@ -96,10 +98,14 @@ pub enum ReadError {
     },
 }
 
+fn place(offset: &Option<u64>) -> String {
+    offset.map_or_else(String::new, |offset| format!(", byte {offset}"))
+}
+
 impl ReadError {
     /// Whether the bytes are no asset at all: they do not start as one does.
     pub fn is_foreign(&self) -> bool {
-        matches!(self, Self::Header { field: crate::container::MAGIC_FIELD, .. })
+        matches!(self, Self::Header { field: MAGIC_FIELD, .. })
     }
 
     /// Whether the bytes are an asset that came to harm, as opposed to one that this build cannot judge.
@@ -110,9 +116,7 @@ impl ReadError {
             | Self::Checksum { .. }
             | Self::Invalid { .. }
             | Self::OverLimit { .. } => true,
-            Self::Io(_) | Self::Unsupported { .. } | Self::UnknownRequired { .. } | Self::Missing { .. } => {
-                false
-            }
+            Self::Unsupported { .. } | Self::UnknownRequired { .. } | Self::Missing { .. } => false,
         }
     }
 }
@@ -126,12 +130,16 @@ pub struct Limits {
     pub head_bytes: u64,
     /// Cells of a grid.
     pub cells: u64,
-    /// Virtual sources of a cloud response.
+    /// Virtual sources of a cloud response: nodes of its light grid, and distant lights.
     pub sources: u64,
     /// Streak patterns.
     pub patterns: u64,
-    /// Strokes, buildings and other listed things.
+    /// Cosines and products of tables over all streak patterns: the work of preparing them goes with their sum.
+    pub pattern_terms: u64,
+    /// Strokes, blocks, street lamps, roads, flashes, provenance inputs and budgets: of each so many.
     pub items: u64,
+    /// Segments of all strokes that are grown together, as those are that flash in one picture.
+    pub segments: u64,
 }
 
 impl Default for Limits {
@@ -142,7 +150,9 @@ impl Default for Limits {
             cells: 1 << 28,
             sources: 1 << 24,
             patterns: 1 << 12,
+            pattern_terms: 1 << 18,
             items: 1 << 20,
+            segments: 1 << 20,
         }
     }
 }

@@ -3,6 +3,16 @@
 use serde::{Deserialize, Serialize};
 
 /// Number of cells along x, y and z. Arrays run x fastest, then y, then z.
+///
+/// ```
+/// use squall_formats::GridShape;
+///
+/// let shape = GridShape::new(4, 3, 2);
+/// assert_eq!(shape.len(), 24);
+/// assert_eq!(shape.index(1, 2, 1), 1 + 4 * (2 + 3 * 1));
+/// assert_eq!(shape.cell(21), [1, 2, 1]);
+/// assert_eq!(GridShape::new(4, 0, 2).checked_len(), None);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct GridShape {
     /// Cells along x.

@@ -62,6 +62,22 @@ impl Axis {
 }
 
 /// A planned transform for grids of one shape.
+///
+/// ```
+/// use squall_formats::{GridShape, haar::Haar};
+///
+/// let haar = Haar::new(GridShape::new(3, 2, 1));
+/// let cells = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+/// let (mut values, mut scratch) = (cells.to_vec(), Vec::new());
+///
+/// haar.forward(&mut values, &mut scratch);
+/// // Coefficient 0 is the sum over all cells divided by the root of their number, and energy stays what it was.
+/// assert!((values[0] - 21.0 / 6f32.sqrt()).abs() < 1e-5);
+/// assert!((values.iter().map(|v| v * v).sum::<f32>() - 91.0).abs() < 1e-4);
+///
+/// haar.inverse(&mut values, &mut scratch);
+/// assert!(values.iter().zip(cells).all(|(found, wanted)| (found - wanted).abs() < 1e-5));
+/// ```
 pub struct Haar {
     shape: [usize; 3],
     axes: [Axis; 3],

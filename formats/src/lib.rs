@@ -6,18 +6,21 @@
 
 #![forbid(unsafe_code)]
 
+pub mod basis;
 pub mod container;
 pub mod drops;
 pub mod error;
 pub mod grid;
 pub mod haar;
+pub mod light_grid;
 pub mod magic;
 pub mod meta;
 pub mod section;
 pub mod sphere;
+pub mod tag;
 pub mod units;
 pub mod view_region;
 
 pub use error::{Limits, ReadError};
 pub use grid::GridShape;
-pub use section::Tag;
+pub use tag::Tag;

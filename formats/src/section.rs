@@ -10,26 +10,11 @@ pub mod streak;
 pub mod town;
 pub mod view;
 
-use crate::ReadError;
+pub use crate::meta::check_version;
+pub use crate::tag::Tag;
 
-/// Four ASCII letters that name a section's kind.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Tag(pub [u8; 4]);
-
-impl std::fmt::Display for Tag {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        for byte in self.0 {
-            write!(f, "{}", byte.escape_ascii())?;
-        }
-        Ok(())
-    }
-}
-
-impl std::fmt::Debug for Tag {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Tag({self})")
-    }
-}
+use crate::container::Directory;
+use crate::error::ReadError;
 
 /// Tags of the sections that this build reads; any other is skipped when optional and refused when required.
 pub const KNOWN: &[Tag] = &[
@@ -43,46 +28,37 @@ pub const KNOWN: &[Tag] = &[
     view::ViewSection::TAG,
 ];
 
+/// Those of [`KNOWN`] that an asset marks as required; it marks none of the others so.
+pub const REQUIRED: &[Tag] = &[cloud::CloudSection::TAG, response::ResponseSection::TAG];
+
 /// Whether this build reads sections of kind `tag`.
 pub fn is_known(tag: Tag) -> bool {
     KNOWN.contains(&tag)
 }
 
-/// Refuses a section version above `newest` by name.
-pub fn check_version(tag: Tag, found: u16, newest: u16) -> Result<(), ReadError> {
-    if found == 0 || found > newest {
-        return Err(ReadError::Unsupported { what: format!("section {tag}"), found, newest });
+/// Checks which sections an asset has and how they are marked, before any is read.
+///
+/// Errors: a required section of a kind that this build does not know, by name; a known one that is marked as required and
+/// should not be, or the other way round.
+pub fn check_marks(directory: &Directory) -> Result<(), ReadError> {
+    for entry in &directory.entries {
+        let (section, marked) = (entry.tag, entry.required);
+        if !is_known(section) {
+            if marked {
+                return Err(ReadError::UnknownRequired { section });
+            }
+            continue;
+        }
+        if marked != REQUIRED.contains(&section) {
+            let words = |marked: bool| if marked { "set" } else { "not set" };
+            return Err(ReadError::Invalid {
+                section,
+                offset: None,
+                field: "flag \"required\" in the section table",
+                wanted: words(!marked),
+                found: words(marked).into(),
+            });
+        }
     }
     Ok(())
-}
-
-/// Sections with bulk start with the length of their metadata as u64, the metadata, and zeros up to a multiple of 64.
-/// Returns metadata and what follows the zeros.
-pub(crate) fn split_head(section: Tag, bytes: &[u8]) -> Result<(&[u8], &[u8]), ReadError> {
-    let short = |missing: u64| ReadError::Truncated { section, offset: bytes.len() as u64, missing };
-    let (length, rest) = bytes.split_first_chunk::<8>().ok_or_else(|| short(8 - bytes.len() as u64))?;
-    let length = u64::from_le_bytes(*length);
-    let end = length.saturating_add(8);
-    if end > bytes.len() as u64 {
-        return Err(short(end - bytes.len() as u64));
-    }
-    let padded = end.next_multiple_of(64).min(bytes.len() as u64) as usize;
-    if bytes[end as usize..padded].iter().any(|&b| b != 0) {
-        return Err(ReadError::Invalid {
-            section,
-            offset: end,
-            field: "padding behind the metadata",
-            wanted: "zero",
-            found: "something else".into(),
-        });
-    }
-    Ok((&rest[..length as usize], &bytes[padded..]))
-}
-
-/// The inverse of [`split_head`]: length, metadata, zeros up to a multiple of 64.
-pub(crate) fn join_head(metadata: &[u8]) -> Vec<u8> {
-    let mut bytes = (metadata.len() as u64).to_le_bytes().to_vec();
-    bytes.extend_from_slice(metadata);
-    bytes.resize(bytes.len().next_multiple_of(64), 0);
-    bytes
 }

@@ -1,6 +1,7 @@
-//! Eyes that stand within a box: the frame in which light towards them is written down. Bytes: SPEC.md, "CLRT".
+//! A view region, the box that viewpoints stand in: the frame in which light towards them is written down. Bytes: SPEC.md,
+//! "CLRT".
 //!
-//! From a cell the eyes of a distant box fill a small patch of the sphere. Over that patch light is nearly a polynomial of low
+//! From a cell the viewpoints of a distant box fill a small patch of the sphere. Over that patch light is nearly a polynomial of low
 //! degree in the two coordinates across the line of sight, and nobody needs it anywhere else.
 //!
 //! | symbol | meaning | unit |
@@ -8,8 +9,9 @@
 //! | d | unit vector from the cell to c; D the same from the grid's middle | – |
 //! | t_1, t_2 | across d: two axes across D, turned as D turns into d | – |
 //! | e_i | half width of the box along t_i, √Σ (h_k t_ik)² | m |
-//! | p_i | coordinate of direction ω towards an eye, ω·t_i \|c − cell\| / e_i; 0 where e_i is | – |
+//! | p_i | coordinate of direction ω towards a viewpoint, ω·t_i \|c − cell\| / e_i; 0 where e_i is | – |
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Highest degree of the polynomials.
@@ -27,7 +29,17 @@ pub const fn view_functions(degree: u8) -> usize {
     (degree + 1) * (degree + 2) / 2
 }
 
-/// Where eyes stand: an axis-aligned box, m.
+/// Where viewpoints stand: an axis-aligned box, m.
+///
+/// ```
+/// use squall_formats::view_region::ViewRegion;
+///
+/// let region = ViewRegion { low_m: [-100.0, -100.0, 1.0], high_m: [100.0, 300.0, 3.0] };
+/// assert!(region.contains([0.0, 300.0, 1.7]));
+/// assert!(!region.contains([0.0, 300.0, 3.1]));
+/// assert_eq!(region.centre(), [0.0, 100.0, 2.0]);
+/// assert_eq!(region.point([-1.0, 0.5, 1.0]), [-100.0, 200.0, 3.0]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewRegion {
     /// Corner with the smallest coordinates.
@@ -37,7 +49,7 @@ pub struct ViewRegion {
 }
 
 impl ViewRegion {
-    /// Whether an eye at `point` is one of these, faces included; not a number is in no box.
+    /// Whether `point` is in the box, faces included; what is no number is in no box.
     pub fn contains(&self, point: [f64; 3]) -> bool {
         (0..3).all(|axis| (self.low_m[axis]..=self.high_m[axis]).contains(&point[axis]))
     }
@@ -59,30 +71,32 @@ impl ViewRegion {
     }
 }
 
-/// A box of eyes as the cells of one grid see it.
+/// A view region as the cells of one grid see it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewRegionFrame {
-    centre: [f64; 3],
-    half: [f64; 3],
+    centre: DVec3,
+    half: DVec3,
     /// D, and two axes across it.
-    axes: [[f64; 3]; 3],
+    axes: [DVec3; 3],
 }
 
 impl ViewRegionFrame {
-    /// The frame of `view_region` for a grid whose middle is `grid_centre`, m. Across D lies first z × D, or x × D where D is within 0.1 %
-    /// of upright, then D × that.
+    /// The frame of `view_region` for a grid whose middle is `grid_centre`, m. Across D lies first z × D, or x × D where D is
+    /// within 0.1 % of upright, then D × that.
     pub fn new(view_region: &ViewRegion, grid_centre: [f64; 3]) -> Self {
-        let centre = view_region.centre();
-        let ahead = unit(minus(centre, grid_centre)).unwrap_or([0.0, 0.0, 1.0]);
-        let up = if ahead[2].abs() < 0.999 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
-        let first = unit(cross(up, ahead)).unwrap_or([1.0, 0.0, 0.0]);
-        Self { centre, half: view_region.half(), axes: [ahead, first, cross(ahead, first)] }
+        let centre = DVec3::from_array(view_region.centre());
+        let ahead = unit(centre - DVec3::from_array(grid_centre)).unwrap_or(DVec3::Z);
+        let up = if ahead.z.abs() < 0.999 { DVec3::Z } else { DVec3::X };
+        let first = unit(up.cross(ahead)).unwrap_or(DVec3::X);
+        let half = DVec3::from_array(view_region.half());
+        Self { centre, half, axes: [ahead, first, ahead.cross(first)] }
     }
 
-    /// The polynomials at a cell in unit direction `towards` an eye: 1, √3 p, √3 q, (√5/2)(3p² − 1), 3pq, (√5/2)(3q² − 1), which
-    /// are orthonormal over p and q evenly spread in −1…1, as the eyes of a distant box that faces the cell are.
+    /// The polynomials at a cell whose middle is `cell`, m, in unit direction `towards` a viewpoint: 1, √3 p, √3 q,
+    /// (√5/2)(3p² − 1), 3pq, (√5/2)(3q² − 1), which are orthonormal over p and q evenly spread in −1…1, as the viewpoints of
+    /// a distant box that faces the cell are.
     pub fn functions(&self, cell: [f64; 3], towards: [f64; 3]) -> [f64; MAX_VIEW_FUNCTIONS] {
-        let [p, q] = self.coordinates(cell, towards);
+        let [p, q] = self.coordinates(DVec3::from_array(cell), DVec3::from_array(towards));
         let (root_3, half_root_5) = (libm::sqrt(3.0), libm::sqrt(5.0) / 2.0);
         [
             1.0,
@@ -94,40 +108,31 @@ impl ViewRegionFrame {
         ]
     }
 
-    fn coordinates(&self, cell: [f64; 3], towards: [f64; 3]) -> [f64; 2] {
-        let offset = minus(self.centre, cell);
-        let distance = libm::sqrt(dot(offset, offset));
+    fn coordinates(&self, cell: DVec3, towards: DVec3) -> [f64; 2] {
+        let offset = self.centre - cell;
+        let distance = length(offset);
         let Some(ahead) = unit(offset) else { return [0.0; 2] };
-        let turn = 1.0 + dot(self.axes[0], ahead);
+        let turn = 1.0 + self.axes[0].dot(ahead);
         if turn < OPPOSITE {
             return [0.0; 2];
         }
         [self.axes[1], self.axes[2]].map(|axis| {
             // The least rotation that takes D to d, applied to an axis across D.
-            let lean = dot(axis, ahead) / turn;
-            let across: [f64; 3] = std::array::from_fn(|k| axis[k] - lean * (self.axes[0][k] + ahead[k]));
-            let half: [f64; 3] = std::array::from_fn(|k| across[k] * self.half[k]);
-            let width = libm::sqrt(dot(half, half));
-            if width <= THINNEST * distance { 0.0 } else { dot(across, towards) * distance / width }
+            let across = axis - axis.dot(ahead) / turn * (self.axes[0] + ahead);
+            let width = length(across * self.half);
+            if width <= THINNEST * distance { 0.0 } else { across.dot(towards) * distance / width }
         })
     }
 }
 
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
+/// Length by the square root of `libm`, whose bits are the same in every build.
+fn length(a: DVec3) -> f64 {
+    libm::sqrt(a.dot(a))
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
-    let length = libm::sqrt(dot(a, a));
-    (length > 0.0 && length.is_finite()).then(|| a.map(|v| v / length))
+fn unit(a: DVec3) -> Option<DVec3> {
+    let length = length(a);
+    (length > 0.0 && length.is_finite()).then(|| a / length)
 }
 
 #[cfg(test)]
@@ -137,20 +142,24 @@ mod tests {
     const VIEWPOINTS: ViewRegion = ViewRegion { low_m: [-500.0, -300.0, 0.0], high_m: [500.0, 300.0, 200.0] };
     const GRID: [f64; 3] = [2000.0, 13_000.0, 5000.0];
 
-    fn direction(cell: [f64; 3], eye: [f64; 3]) -> [f64; 3] {
-        unit(minus(eye, cell)).unwrap()
+    fn direction(cell: [f64; 3], viewpoint: [f64; 3]) -> [f64; 3] {
+        unit(DVec3::from_array(viewpoint) - DVec3::from_array(cell)).unwrap().to_array()
+    }
+
+    fn coordinates(frame: &ViewRegionFrame, cell: [f64; 3], viewpoint: [f64; 3]) -> [f64; 2] {
+        frame.coordinates(DVec3::from_array(cell), DVec3::from_array(direction(cell, viewpoint)))
     }
 
     #[test]
-    fn the_middle_of_the_box_has_no_offset_and_its_eyes_few_half_widths() {
+    fn the_middle_of_the_box_has_no_offset_and_its_viewpoints_few_half_widths() {
         let frame = ViewRegionFrame::new(&VIEWPOINTS, GRID);
         for cell in [GRID, [-3000.0, 9000.0, 800.0], [6000.0, 14_000.0, 9000.0]] {
-            let middle = frame.coordinates(cell, direction(cell, VIEWPOINTS.centre()));
+            let middle = coordinates(&frame, cell, VIEWPOINTS.centre());
             assert!(middle.iter().all(|p| p.abs() < 1e-12), "{middle:?}");
             for corner in 0..8 {
                 let side = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
-                let eye = VIEWPOINTS.point([side(0), side(1), side(2)]);
-                let found = frame.coordinates(cell, direction(cell, eye));
+                let viewpoint = VIEWPOINTS.point([side(0), side(1), side(2)]);
+                let found = coordinates(&frame, cell, viewpoint);
                 // √3 of the half width is the farthest that a corner of three edges can lie, perspective apart.
                 assert!(found.iter().all(|p| p.abs() < 1.9), "{found:?}");
             }
@@ -158,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn polynomials_are_nearly_orthonormal_over_the_eyes_of_a_distant_box() {
+    fn polynomials_are_nearly_orthonormal_over_the_viewpoints_of_a_distant_box() {
         /// Perspective, and a box that does not face the cell squarely.
         const FAR: f64 = 0.2;
         let frame = ViewRegionFrame::new(&VIEWPOINTS, GRID);
@@ -166,9 +175,9 @@ mod tests {
         let count = 12;
         for i in 0..count * count * count {
             let share = |n: usize| 2.0 * (n as f64 + 0.5) / f64::from(count as u32) - 1.0;
-            let eye =
+            let viewpoint =
                 VIEWPOINTS.point([share(i % count), share(i / count % count), share(i / count / count)]);
-            let values = frame.functions(GRID, direction(GRID, eye));
+            let values = frame.functions(GRID, direction(GRID, viewpoint));
             for (a, row) in gram.iter_mut().enumerate() {
                 for (b, sum) in row.iter_mut().enumerate() {
                     *sum += values[a] * values[b] / (count * count * count) as f64;
@@ -184,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_eye_has_one_function_that_counts() {
+    fn a_single_viewpoint_has_one_function_that_counts() {
         let view_region = ViewRegion { low_m: [1.0, 2.0, 3.0], high_m: [1.0, 2.0, 3.0] };
         let frame = ViewRegionFrame::new(&view_region, GRID);
         let values = frame.functions(GRID, direction(GRID, [1.0, 2.0, 3.0]));
@@ -195,8 +204,8 @@ mod tests {
     #[test]
     fn neighbouring_cells_have_neighbouring_frames() {
         let frame = ViewRegionFrame::new(&VIEWPOINTS, GRID);
-        let eye = VIEWPOINTS.point([0.7, -0.4, 0.9]);
-        let at = |x: f64| frame.coordinates([x, 13_000.0, 5000.0], direction([x, 13_000.0, 5000.0], eye));
+        let viewpoint = VIEWPOINTS.point([0.7, -0.4, 0.9]);
+        let at = |x: f64| coordinates(&frame, [x, 13_000.0, 5000.0], viewpoint);
         for step in -50..50 {
             let x = f64::from(step) * 100.0;
             let (a, b) = (at(x), at(x + 100.0));

@@ -10,7 +10,7 @@ use squall_formats::section::bolt::{BoltSection, StrokeRecord};
 use squall_formats::section::check::check;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{
-    ChannelBound, DirectTerm, DirectionalBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection,
+    CoefficientBound, DirectTerm, DirectionalBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection,
     SourceBasis, pack_seen, write,
 };
 use squall_formats::section::{KNOWN, is_known};
@@ -79,18 +79,18 @@ fn samples() -> Vec<Sample> {
     samples
 }
 
-/// A response of version 1 as one of the newest, with eyes and cells that they do not see, and `spoil`ed.
+/// A response of version 1 as one of the newest, with a view region and cells hidden from it, and `spoil`ed.
 fn newest_response(bytes: &[u8], spoil: fn(&mut ResponseHead)) -> OutSection {
     let old = ResponseSection::read(bytes, 1, &Limits::default()).unwrap();
     let mut head = old.head.clone();
-    head.channels = DirectionalBasis::ViewRegion { degree: 1 };
+    head.basis = DirectionalBasis::ViewRegion { degree: 1 };
     head.direct = DirectTerm::AtRunTime;
     head.view_region = Some(ViewRegion { low_m: [-10.0, -20.0, 0.0], high_m: [10.0, 20.0, 5.0] });
     head.seen = Some(pack_seen(&(0..head.shape.len()).map(|cell| cell % 3 > 0).collect::<Vec<bool>>()));
     spoil(&mut head);
-    let channels = DirectionalBasis::ViewRegion { degree: 1 }.count();
-    let row = [[0; 4], 0.5f32.to_le_bytes(), [0; 4]].concat().repeat(channels);
-    let bounds = vec![ChannelBound::default(); channels * old.row_count()];
+    let coefficients = DirectionalBasis::ViewRegion { degree: 1 }.count();
+    let row = [[0; 4], 0.5f32.to_le_bytes(), [0; 4]].concat().repeat(coefficients);
+    let bounds = vec![CoefficientBound::default(); coefficients * old.row_count()];
     write(&head, ResponseRows { rows: vec![row; old.row_count()], bounds })
 }
 
@@ -341,13 +341,17 @@ fn each_damaged_field_of_a_stroke_is_named() {
 }
 
 fn x_axis(head: &mut ResponseHead) -> &mut Vec<f64> {
-    let SourceBasis::LightGrid { x_m, .. } = &mut head.sources;
-    x_m
+    match &mut head.sources {
+        SourceBasis::LightGrid { grid, .. } => &mut grid.x_m,
+        other => panic!("{other:?}"),
+    }
 }
 
 fn node_rows(head: &mut ResponseHead) -> &mut Vec<u32> {
-    let SourceBasis::LightGrid { rows, .. } = &mut head.sources;
-    rows
+    match &mut head.sources {
+        SourceBasis::LightGrid { rows, .. } => rows,
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
@@ -359,12 +363,12 @@ fn each_damaged_field_of_a_response_is_named() {
         ("extinction scale", |head, _| head.solver.extinction_scale = f64::NAN),
         ("shape", |head, _| head.shape.ny = 0),
         ("shape", |head, _| head.shape = GridShape::new(u32::MAX, 1, 1)),
-        ("channels", |head, _| head.channels = DirectionalBasis::Harmonics { degree: 4 }),
+        ("basis", |head, _| head.basis = DirectionalBasis::Harmonics { degree: 4 }),
         ("refine", |head, _| head.solver.refine[1] = 0),
-        ("lamp grid axis", |head, _| x_axis(head)[1] = f64::NAN),
-        ("lamp grid axis", |head, _| x_axis(head).swap(0, 1)),
-        ("lamp grid axis", |head, _| x_axis(head).clear()),
-        ("lamp grid rows", |head, _| x_axis(head).truncate(1)),
+        ("light grid axis", |head, _| x_axis(head)[1] = f64::NAN),
+        ("light grid axis", |head, _| x_axis(head).swap(0, 1)),
+        ("light grid axis", |head, _| x_axis(head).clear()),
+        ("light grid rows", |head, _| x_axis(head).truncate(1)),
         ("rows of sources", |head, _| node_rows(head)[0] = 1),
         ("rows of sources", |head, _| node_rows(head)[0] = 1 << 20),
         ("rows of sources", |head, _| head.distant[0].row = head.distant[1].row),
@@ -376,8 +380,8 @@ fn each_damaged_field_of_a_response_is_named() {
         }),
         ("error bounds", |_, rows| rows.bounds[3].discarded = -1.0),
         ("error bounds", |_, rows| rows.bounds[3].quantised = f32::NAN),
-        ("channel mean and step", |_, rows| rows.rows[2][..4].copy_from_slice(&f32::NAN.to_le_bytes())),
-        ("channel mean and step", |_, rows| rows.rows[2][4..8].copy_from_slice(&f32::MAX.to_le_bytes())),
+        ("mean and step of a plane", |_, rows| rows.rows[2][..4].copy_from_slice(&f32::NAN.to_le_bytes())),
+        ("mean and step of a plane", |_, rows| rows.rows[2][4..8].copy_from_slice(&f32::MAX.to_le_bytes())),
         ("row", |_, rows| rows.rows[2].push(0)),
     ];
     let bytes =
@@ -404,16 +408,16 @@ fn each_damaged_field_of_a_response_is_named() {
 }
 
 #[test]
-fn each_damaged_field_of_eyes_and_seen_cells_is_named() {
+fn each_damaged_field_of_view_region_and_seen_cells_is_named() {
     let _turn = alone();
     type Spoil = fn(&mut ResponseHead);
     let damage: [(&str, Spoil); 9] = [
-        ("channels", |head| head.channels = DirectionalBasis::ViewRegion { degree: 3 }),
-        ("channels", |head| head.view_region = None),
-        ("channels", |head| head.direct = DirectTerm::InRows),
-        ("eyes", |head| head.view_region.as_mut().unwrap().low_m[1] = f64::NAN),
-        ("eyes", |head| head.view_region.as_mut().unwrap().low_m[1] = 20.5),
-        ("eyes", |head| head.view_region.as_mut().unwrap().high_m[2] = f64::INFINITY),
+        ("basis", |head| head.basis = DirectionalBasis::ViewRegion { degree: 3 }),
+        ("basis", |head| head.view_region = None),
+        ("basis", |head| head.direct = DirectTerm::InRows),
+        ("view region", |head| head.view_region.as_mut().unwrap().low_m[1] = f64::NAN),
+        ("view region", |head| head.view_region.as_mut().unwrap().low_m[1] = 20.5),
+        ("view region", |head| head.view_region.as_mut().unwrap().high_m[2] = f64::INFINITY),
         ("seen cells", |head| head.seen.as_mut().unwrap().push(0)),
         ("seen cells", |head| head.seen = Some(Vec::new())),
         ("seen cells", |head| {
@@ -428,7 +432,7 @@ fn each_damaged_field_of_eyes_and_seen_cells_is_named() {
         let bytes = newest_response(old.bytes(), spoil).to_bytes();
         names(field, read_as(ResponseSection::TAG, ResponseSection::VERSION, Aligned::new(&bytes).bytes()));
     }
-    // Version 1 has none of this: its channels cannot be those, and its record ends before.
+    // Version 1 has none of this: its basis cannot be that, and its record ends before.
     let bytes = Aligned::new(&good);
     assert!(read(ResponseSection::TAG, bytes.bytes()).is_err());
 }

@@ -5,7 +5,7 @@ use squall_formats::section::streak::{
     Body, Cosine, CosinePattern, EdgeWindow, Method, Pattern, PowerWindow, StreakPattern, Window,
 };
 use squall_runtime::random::Random;
-use squall_runtime::shade::streak::{Kernel, Scratch, StreakSet, Tile};
+use squall_runtime::shade::streak::{Scratch, StreakPlacement, StreakSet, Tile};
 use std::time::Instant;
 
 /// A tile that stays in the cache: a whole frame would measure its memory.
@@ -67,8 +67,8 @@ fn main() {
 /// Pixels and seconds per kernel; the fastest of a few rounds.
 fn measure(set: &StreakSet, length: f32, width: f32) -> (f64, f64) {
     let mut random = Random::new(1);
-    let kernels: Vec<Kernel> = (0..KERNELS)
-        .map(|_| Kernel {
+    let kernels: Vec<StreakPlacement> = (0..KERNELS)
+        .map(|_| StreakPlacement {
             middle: [random.range(100.0, 156.0) as f32, random.range(110.0, 146.0) as f32],
             direction: [random.range(-0.2, 0.2) as f32, 1.0],
             length,

@@ -81,6 +81,20 @@ impl Secants {
 impl Camera {
     /// A camera at `position` that looks along `direction`, upright with respect to `up`.
     ///
+    /// ```
+    /// use glam::DVec3;
+    /// use squall_formats::units::Radians;
+    /// use squall_runtime::camera::{Camera, Projection};
+    ///
+    /// let projection = Projection::Perspective { vertical_fov: Radians(0.8) };
+    /// let camera = Camera::new(DVec3::new(0.0, 0.0, 2.0), DVec3::Y, DVec3::Z, projection, [640, 360])?;
+    /// // A ray through a pixel, and back from a point on it to the pixel.
+    /// let ray = camera.ray(100.5, 200.5);
+    /// let found = camera.project(ray.origin + 50.0 * ray.direction).expect("a point in front");
+    /// assert!((found.pixel.x - 100.5).abs() < 1e-9 && (found.pixel.y - 200.5).abs() < 1e-9);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    ///
     /// Errors: a zero or non-finite vector, `up` along the view, an angle outside (0, π), an empty picture.
     pub fn new(
         position: DVec3,

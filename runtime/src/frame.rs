@@ -16,17 +16,17 @@ use crate::camera::{Camera, Projection, Ray};
 use crate::error::RuntimeError;
 use crate::load::Asset;
 use crate::picture::Picture;
-use crate::rain::{Environment as Surroundings, Rain, Workspace};
+use crate::rain::{Rain, Surroundings, Workspace};
 use crate::relight::{RelightBuffers, Relighter};
 use crate::shade::cloud::{CloudPicture, CloudShape, CloudView};
 use crate::shade::detail::{Detail, DetailParameters};
-use crate::shade::environment::{Environment, Window};
+use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::{Sky, SkyParameters};
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
 use crate::shade::town::frame::{Quality, TownFrame};
 use crate::shade::town::light::Lighting;
-use crate::stroke::Stroke;
+use crate::stroke::{Stroke, flashing, grow_together};
 use crate::tone::{Tone, glow::Glow};
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::section::bolt::{BoltSection, StrokeRecord};
@@ -51,7 +51,8 @@ const FARTHEST_GROUND_M: f32 = 4e4;
 /// An asset opened for drawing pictures of its storm. What it lacks is not drawn.
 pub struct Storm<'a> {
     cloud: Option<(Relighter<'a>, CloudShape)>,
-    strokes: Vec<(StrokeRecord, Stroke)>,
+    asset: &'a Asset,
+    strokes: Vec<StrokeRecord>,
     rain: Option<DensitySection>,
     patterns: StreakSet,
     town: Option<Town>,
@@ -117,10 +118,7 @@ impl<'a> Storm<'a> {
         let mut strokes = Vec::new();
         if has(BoltSection::TAG) {
             let section = asset.section(BoltSection::TAG, "the strokes", BoltSection::read)?;
-            strokes.extend(section.strokes.into_iter().map(|record| {
-                let stroke = Stroke::grow(&record);
-                (record, stroke)
-            }));
+            strokes = section.strokes;
         }
         let rain = if has(DensitySection::TAG) {
             Some(asset.section(DensitySection::TAG, "the rain's density", DensitySection::read)?)
@@ -142,7 +140,7 @@ impl<'a> Storm<'a> {
         } else {
             None
         };
-        Ok(Self { cloud, strokes, rain, patterns: StreakSet::new(&patterns), town, view })
+        Ok(Self { cloud, asset, strokes, rain, patterns: StreakSet::new(&patterns), town, view })
     }
 
     /// The view that the asset brings.
@@ -150,9 +148,9 @@ impl<'a> Storm<'a> {
         self.view.as_ref()
     }
 
-    /// The asset's strokes.
-    pub fn strokes(&self) -> impl Iterator<Item = (&StrokeRecord, &Stroke)> {
-        self.strokes.iter().map(|(record, stroke)| (record, stroke))
+    /// The asset's strokes, as the numbers that grow them: a stroke grows when it flashes.
+    pub fn strokes(&self) -> &[StrokeRecord] {
+        &self.strokes
     }
 
     /// Draws `view` into `memory.picture`.
@@ -192,7 +190,11 @@ impl<'a> Storm<'a> {
         memory: &mut FrameMemory,
     ) -> Result<FrameReport, RuntimeError> {
         let mut report = FrameReport::default();
-        let flashes = self.flashes(view)?;
+        let flashing = self.flashing(view)?;
+        let grown = grow_together(flashing.iter().map(|&(record, _)| record), self.asset.limits())
+            .map_err(|error| self.asset.wrap(error))?;
+        let flash = |(&(record, brightness), stroke)| Flash { record, stroke, brightness };
+        let flashes: Vec<Flash<'_>> = flashing.iter().zip(&grown).map(flash).collect();
         let size = [camera.width as usize, camera.height as usize];
         let mut picture = match memory.picture.take() {
             Some(picture) if [picture.width, picture.height] == size => picture,
@@ -216,7 +218,7 @@ impl<'a> Storm<'a> {
         };
         let eye = camera.position;
         if let Some(town) = &self.town {
-            let window = Window {
+            let window = EnvironmentWindow {
                 heading: Radians(view.camera.heading_rad),
                 half_width: Radians(MIRROR_HALF_WIDTH),
                 top: Radians(MIRROR_TOP),
@@ -282,17 +284,12 @@ impl<'a> Storm<'a> {
     }
 
     /// The strokes that the view lets flash, each with its factor.
-    fn flashes(&self, view: &ViewSection) -> Result<Vec<Flash<'_>>, RuntimeError> {
-        let find = |name: &str| self.strokes.iter().find(|(record, _)| record.name == name);
-        let flash = |wanted: &squall_formats::section::view::ViewFlash| {
-            let (record, stroke) = find(&wanted.stroke).ok_or_else(|| {
-                let names: Vec<&str> = self.strokes.iter().map(|(r, _)| r.name.as_str()).collect();
-                let known = format!("the name of one of the asset's strokes ({})", names.join(", "));
-                RuntimeError::argument("flashes.stroke", known, &wanted.stroke)
-            })?;
-            Ok(Flash { record, stroke, brightness: wanted.brightness })
-        };
-        view.flashes.iter().filter(|wanted| wanted.brightness > 0.0).map(flash).collect()
+    fn flashing(&self, view: &ViewSection) -> Result<Vec<(&StrokeRecord, f64)>, RuntimeError> {
+        flashing(&view.flashes, &self.strokes).map_err(|unknown| {
+            let names: Vec<&str> = self.strokes.iter().take(64).map(|record| record.name.as_str()).collect();
+            let known = format!("the name of one of the asset's strokes ({})", names.join(", "));
+            RuntimeError::argument("flashes.stroke", known, unknown)
+        })
     }
 
     /// Sky and cloud behind the town, clear air in front.

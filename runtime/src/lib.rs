@@ -27,6 +27,7 @@ pub mod verify;
 
 pub use error::RuntimeError;
 pub use load::Asset;
+pub use relight::PointLight;
 pub use squall_transport as transport;
 #[cfg(feature = "live")]
 pub use squall_transport::live;

@@ -1,7 +1,7 @@
 //! From a file or bytes to an open asset: checks, and views into the bytes; nothing is copied or decoded.
 
 use crate::error::RuntimeError;
-use squall_formats::container::{Directory, Entry, MAGIC};
+use squall_formats::container::{Directory, MAGIC};
 use squall_formats::{Limits, ReadError, Tag};
 use std::fs::File;
 use std::io::Read;
@@ -165,10 +165,7 @@ impl Asset {
         let read = Directory::read(bytes.as_slice(), &limits);
         let wrap = |source| RuntimeError::Asset { path: path.clone(), source };
         let directory = read.map_err(wrap)?;
-        let unknown = |entry: &&Entry| entry.required && !squall_formats::section::is_known(entry.tag);
-        if let Some(entry) = directory.entries.iter().find(unknown) {
-            return Err(wrap(ReadError::UnknownRequired { section: entry.tag }));
-        }
+        squall_formats::section::check_marks(&directory).map_err(wrap)?;
         Ok(Self { bytes, directory, limits, path })
     }
 

@@ -64,11 +64,11 @@ pub struct Medium {
 /// Light that the medium scatters toward the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Illumination {
-    /// Irradiance of a distant light across its beam, W/m² per channel.
+    /// Irradiance of a distant light across its beam, W/m² per colour.
     pub irradiance: [f32; 3],
     /// Unit vector in which that light travels.
     pub direction: DVec3,
-    /// Radiance that comes from everywhere, W/(m² sr) per channel: an overcast sky's mean.
+    /// Radiance that comes from everywhere, W/(m² sr) per colour: an overcast sky's mean.
     pub ambient: [f32; 3],
 }
 
@@ -188,7 +188,7 @@ impl Medium {
         (self.extinction.0 * volume.path(ray, 0.0, distance) - drawn).max(0.0)
     }
 
-    /// The light that fully opaque rain would show along a ray: J, W/(m² sr) per channel.
+    /// The light that fully opaque rain would show along a ray: J, W/(m² sr) per colour.
     pub fn source(&self, light: &Illumination, view: DVec3) -> [f32; 3] {
         // Scattered light travels against the viewing direction.
         let phase =
@@ -234,10 +234,10 @@ impl Medium {
                 let ray = camera.ray_with(&secants, px, py);
                 let left = libm::exp(-self.optical_depth_in(volume, &ray, planar, secant)) as f32;
                 let source = self.source(light, ray.direction);
-                for channel in 0..3 {
+                for colour in 0..3 {
                     // A hidden sky contributes nothing, even where it is infinitely bright.
-                    let behind = if left > 0.0 { pixel[channel] * left } else { 0.0 };
-                    pixel[channel] = behind + source[channel] * (1.0 - left);
+                    let behind = if left > 0.0 { pixel[colour] * left } else { 0.0 };
+                    pixel[colour] = behind + source[colour] * (1.0 - left);
                 }
                 *transmittance = left;
             }

@@ -2,7 +2,7 @@
 
 use crate::error::RuntimeError;
 
-/// Linear RGB radiance, row 0 = top, x fastest. Watts per square metre per steradian per channel.
+/// Linear RGB radiance, row 0 = top, x fastest. Watts per square metre per steradian per colour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Pixels across.

@@ -35,7 +35,7 @@ use crate::density::check_view;
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use glam::DVec3;
-use search::{Frame, Search};
+use search::{Search, ShotFrame};
 use squall_formats::drops::View;
 use squall_formats::section::density::{Class, DensitySection, Mode};
 use squall_formats::units::{MillimetresPerHour, Seconds};
@@ -43,7 +43,7 @@ use std::ops::Range;
 use streak::Lens;
 
 pub use kernel::{Clip, Footprint, Kernel, Span};
-pub use light::{Environment, Light};
+pub use light::{RainLight, Surroundings};
 pub use pattern::PatternScratch;
 pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
@@ -129,14 +129,14 @@ pub struct Rain {
 #[derive(Debug, Default)]
 pub struct Workspace {
     searches: Vec<Search>,
-    tasks: Vec<Task>,
+    tasks: Vec<SearchTask>,
     streaks: Vec<Streak>,
     canvas: scatter::Canvas,
 }
 
 /// Some layers of one class's lattice: what one thread does at a time.
 #[derive(Clone, Debug, Default)]
-struct Task {
+struct SearchTask {
     search: usize,
     layers: Range<i64>,
     found: Vec<Streak>,
@@ -180,13 +180,13 @@ impl Rain {
             return Ok(&workspace.streaks);
         }
         let camera = shot.camera;
-        let (mut drops, mut cells, mut reach) = (0.0, 0.0, 0.0_f64);
+        let (mut drops, mut cells, mut radius) = (0.0, 0.0, 0.0_f64);
         for (index, class) in self.classes.iter().enumerate() {
             let search = Search::new(self.seed, index, class, shot, weather)?;
             let [work_drops, work_cells] = search.work(&view);
             drops += work_drops;
             cells += work_cells;
-            reach = reach.max(search.radius());
+            radius = radius.max(search.radius());
             workspace.searches.push(search);
         }
         let allowed = (0.0..=self.most_drops).contains(&drops) && (0.0..=MOST_CELLS).contains(&cells);
@@ -200,7 +200,7 @@ impl Rain {
         let relative = |v: DVec3| DVec3::new(v.dot(camera.right), v.dot(camera.up), v.dot(camera.forward));
         let half = camera.half_extent();
         let focal = camera.pixels_per_metre();
-        let frame = Frame {
+        let frame = ShotFrame {
             camera,
             lens: Lens {
                 focal,
@@ -213,12 +213,12 @@ impl Rain {
             still_way: relative(weather.wind - shot.velocity) * (0.5 * shot.exposure.0),
             up: relative(DVec3::Z),
             weather,
-            full: weather.volume.fills(camera.position, reach),
+            full: weather.volume.fills(camera.position, radius),
             shelter,
         };
         workspace.plan();
         let Workspace { searches, tasks, streaks, .. } = workspace;
-        let run = |task: &mut Task| {
+        let run = |task: &mut SearchTask| {
             let search = &searches[task.search];
             for layer in task.layers.clone() {
                 search.scan_layer(&frame, layer, &mut task.found);
@@ -294,7 +294,7 @@ impl Workspace {
     pub fn bytes(&self) -> usize {
         let found: usize = self.tasks.iter().map(|task| task.found.capacity()).sum();
         self.searches.capacity() * size_of::<Search>()
-            + self.tasks.capacity() * size_of::<Task>()
+            + self.tasks.capacity() * size_of::<SearchTask>()
             + (self.streaks.capacity() + found) * size_of::<Streak>()
             + self.canvas.bytes()
     }
@@ -302,7 +302,7 @@ impl Workspace {
     /// Divides every class's layers among its tasks; their lists keep the memory of earlier frames.
     fn plan(&mut self) {
         let count = self.searches.len() * SLABS as usize;
-        self.tasks.resize_with(count.max(self.tasks.len()), Task::default);
+        self.tasks.resize_with(count.max(self.tasks.len()), SearchTask::default);
         for (index, task) in self.tasks.iter_mut().enumerate() {
             task.found.clear();
             task.layers = 0..0;

@@ -1,7 +1,7 @@
-//! Clouds lit by a stroke: from points of light to virtual sources to channels per cell. \[dobashi\] §7.
+//! Clouds lit by a stroke: from points of light to virtual point lights to coefficients per cell. \[dobashi\] §7.
 //!
-//! A stroke's points are split over the virtual sources around them (eq. 6), the sources' rows are summed coefficient by
-//! coefficient (eq. 9) and each channel is transformed back once (eq. 8). Rows are read as they lie in the asset; those
+//! A stroke's points are split over the virtual sources around them (eq. 6), the sources' rows are summed number by
+//! number (eq. 9) and each coefficient is transformed back once (eq. 8). Rows are read as they lie in the asset; those
 //! that no point touches are never looked at.
 
 use crate::camera::{Camera, Projection};
@@ -9,11 +9,13 @@ use crate::error::RuntimeError;
 use crate::load::Asset;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
+use squall_formats::ReadError;
+use squall_formats::basis::DirectionalBasis;
 use squall_formats::haar::Haar;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{
-    DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
-    accumulate, channels,
+    DirectTerm, DistantKind, ResponseHead, ResponseSection, SourceBasis, accumulate, coefficient_planes,
 };
 use squall_formats::sphere;
 use squall_formats::view_region::{ViewRegion, ViewRegionFrame};
@@ -35,7 +37,7 @@ pub struct Relighter<'a> {
     response: ResponseSection<'a>,
     cloud: Cloud,
     haar: Haar,
-    /// The eyes' frame, where rows are for those alone.
+    /// The view region's frame, where rows are towards it alone.
     frame: Option<ViewRegionFrame>,
     /// Rows whose checksum has been seen to be right.
     verified: Vec<AtomicBool>,
@@ -46,16 +48,17 @@ pub struct Relighter<'a> {
 pub struct RelightBuffers {
     weights: Vec<SourceWeight>,
     parts: Vec<(u32, f64)>,
-    channels: Vec<f32>,
+    coefficients: Vec<f32>,
     scratch: Vec<f32>,
 }
 
-/// The channels of a relit cloud: J's coefficients per cell, W/(m² sr) per unit of basis, one plane a channel.
+/// The coefficients of a relit cloud's in-scattered radiance J ([`squall_formats::basis`]) per cell, W/(m² sr) per unit of basis,
+/// one plane a coefficient.
 #[derive(Clone, Copy, Debug)]
 pub struct Relit<'a> {
     /// What the planes mean.
     pub basis: DirectionalBasis,
-    /// The eyes' frame, where the light is for those alone.
+    /// The view region's frame, where the light is towards it alone.
     pub frame: Option<ViewRegionFrame>,
     /// Cells per plane.
     pub cells: usize,
@@ -81,10 +84,8 @@ impl<'a> Relighter<'a> {
         grid.check_values().map_err(|error| asset.wrap(error))?;
         let response = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read)?;
         let head = grid.head;
-        if response.head.shape != head.shape {
-            let found = format!("response {:?}, grid {:?}", response.head.shape, head.shape);
-            return Err(RuntimeError::argument("response grid", "the cloud grid's shape", found));
-        }
+        response.check_grid(head.shape).map_err(|error| asset.wrap(error))?;
+        light_grid(&response.head.sources).map_err(|error| asset.wrap(error))?;
         let cloud = Cloud {
             shape: head.shape,
             cell_m: head.cell_m,
@@ -121,7 +122,7 @@ impl<'a> Relighter<'a> {
         self.response.head.solver.extinction_scale
     }
 
-    /// Where eyes may stand; anywhere where `None`.
+    /// Where the viewpoint may be; anywhere where `None`.
     pub fn view_region(&self) -> Option<&ViewRegion> {
         self.response.head.view_region.as_ref()
     }
@@ -138,7 +139,7 @@ impl<'a> Relighter<'a> {
 
     /// Whether the light holds for what `camera` sees.
     ///
-    /// Errors: its eye is outside the box that the asset was baked for; an orthographic camera has no eye and is outside of any.
+    /// Errors: it is outside the view region that the asset was baked for; an orthographic camera has no viewpoint and is outside of any.
     pub fn check_camera(&self, camera: &Camera) -> Result<(), RuntimeError> {
         let Some(view_region) = self.view_region() else { return Ok(()) };
         let perspective = matches!(camera.projection, Projection::Perspective { .. });
@@ -152,18 +153,16 @@ impl<'a> Relighter<'a> {
         Err(RuntimeError::argument("camera position", wanted, found))
     }
 
-    /// Whether a lamp at `position` can be split over baked sources.
+    /// Whether a light at `position` can be split over the virtual point lights that were baked.
     pub fn reaches(&self, position: DVec3) -> bool {
-        nodes_around(&self.response.head.sources, position).is_some_and(|parts| {
-            parts
-                .iter()
-                .all(|&(node, share)| share == 0.0 || row_of(&self.response.head.sources, node) != NO_ROW)
-        })
+        let sources = &self.response.head.sources;
+        let around = sources.light_grid().and_then(|(grid, _)| grid.nodes_around(position.to_array()));
+        around.is_some_and(|nodes| nodes.iter().all(|&node| sources.row_of(node).is_some()))
     }
 
     /// The box that virtual sources span, smallest and largest corner, m.
     pub fn reach(&self) -> [DVec3; 2] {
-        reach(&self.response.head.sources)
+        corners(self.light_grid())
     }
 
     /// Splits a stroke's points over virtual sources; the intensities sum to the stroke's.
@@ -207,32 +206,33 @@ impl<'a> Relighter<'a> {
         self.sum_rows(RelightOptions::default(), buffers).map(Some)
     }
 
-    /// Sums the rows that `buffers.weights` names and transforms every channel back.
+    /// Sums the rows that `buffers.weights` names and transforms every coefficient back.
     fn sum_rows<'b>(
         &self,
         options: RelightOptions,
         buffers: &'b mut RelightBuffers,
     ) -> Result<Relit<'b>, RuntimeError> {
-        let (cells, basis) = (self.haar.len(), self.response.head.channels);
+        let (cells, basis) = (self.haar.len(), self.response.head.basis);
         let count = basis.count();
-        buffers.channels.clear();
-        buffers.channels.resize(cells * count, 0.0);
+        buffers.coefficients.clear();
+        buffers.coefficients.resize(cells * count, 0.0);
         for weight in &buffers.weights {
             let row = weight.row as usize;
             let known = self.verified[row].load(Ordering::Relaxed);
             let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
-            let parts =
-                bytes.and_then(|bytes| channels(bytes, count)).map_err(|error| self.asset.wrap(error))?;
+            let parts = bytes
+                .and_then(|bytes| coefficient_planes(bytes, count))
+                .map_err(|error| self.asset.wrap(error))?;
             self.verified[row].store(true, Ordering::Relaxed);
-            for (channel, sums) in parts.iter().zip(buffers.channels.chunks_exact_mut(cells)) {
-                accumulate(channel, self.response.head.codec, weight.intensity, sums)
+            for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
+                accumulate(coefficients, self.response.head.codec, weight.intensity, sums)
                     .map_err(|error| self.asset.wrap(error))?;
             }
         }
-        for (channel, plane) in buffers.channels.chunks_exact_mut(cells).enumerate() {
+        for (number, plane) in buffers.coefficients.chunks_exact_mut(cells).enumerate() {
             self.haar.inverse(plane, &mut buffers.scratch);
             if options.paper_ambient {
-                let bound = |w: &SourceWeight| self.response.bounds_of(w.row as usize).get(channel).copied();
+                let bound = |w: &SourceWeight| self.response.bounds_of(w.row as usize).get(number).copied();
                 let ambient: f32 = buffers
                     .weights
                     .iter()
@@ -241,25 +241,30 @@ impl<'a> Relighter<'a> {
                 plane.iter_mut().for_each(|value| *value += ambient);
             }
         }
-        Ok(Relit { basis, frame: self.frame, cells, planes: &buffers.channels })
+        Ok(Relit { basis, frame: self.frame, cells, planes: &buffers.coefficients })
     }
 
-    /// The virtual lamps that the stroke last weighed was split over, each where it was baked.
+    /// The virtual point lights that the stroke last weighed was split over, each where it was baked.
     pub fn virtual_lights(&self, buffers: &RelightBuffers) -> Vec<PointLight> {
-        let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &self.response.head.sources;
-        let (nx, ny) = (x_m.len(), y_m.len());
+        let Some((grid, rows)) = self.response.head.sources.light_grid() else { return Vec::new() };
         let weight = |row: u32| buffers.weights.iter().find(|weight| weight.row == row);
         let lit = rows.iter().enumerate().filter_map(|(node, &row)| Some((node, weight(row)?)));
         lit.map(|(node, weight)| PointLight {
-            position: DVec3::new(x_m[node % nx], y_m[node / nx % ny], z_m[node / nx / ny]),
+            position: DVec3::from_array(grid.position(node)),
             intensity: f64::from(weight.intensity),
         })
         .collect()
     }
 
-    /// How far each channel of the stroke last weighed can be from what was solved, as an L2 norm over cells: Σ |e_l| (γ_l + q_l).
+    /// The grid of the virtual lights, which [`Relighter::new`] made sure of.
+    fn light_grid(&self) -> &LightGrid {
+        static NONE: LightGrid = LightGrid { x_m: Vec::new(), y_m: Vec::new(), z_m: Vec::new() };
+        self.response.head.sources.light_grid().map_or(&NONE, |(grid, _)| grid)
+    }
+
+    /// How far each coefficient of the stroke last weighed can be from what was solved, as an L2 norm over cells: Σ |e_l| (γ_l + q_l).
     pub fn error_bounds(&self, buffers: &RelightBuffers) -> Vec<f64> {
-        let mut sums = vec![0.0; self.response.head.channels.count()];
+        let mut sums = vec![0.0; self.response.head.basis.count()];
         for weight in &buffers.weights {
             for (sum, bound) in sums.iter_mut().zip(self.response.bounds_of(weight.row as usize)) {
                 *sum += f64::from(weight.intensity.abs()) * f64::from(bound.total());
@@ -269,33 +274,19 @@ impl<'a> Relighter<'a> {
     }
 }
 
-fn reach(sources: &SourceBasis) -> [DVec3; 2] {
-    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = sources;
-    let ends = |axis: &[f64]| (axis.first().copied().unwrap_or(0.0), axis.last().copied().unwrap_or(0.0));
-    let (x, y, z) = (ends(x_m), ends(y_m), ends(z_m));
-    [DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1)]
+/// The grid that virtual lights stand on. Errors: sources of a kind that this build cannot weigh.
+fn light_grid(sources: &SourceBasis) -> Result<&LightGrid, ReadError> {
+    sources.light_grid().map(|(grid, _)| grid).ok_or_else(|| ReadError::Invalid {
+        section: ResponseSection::TAG,
+        offset: None,
+        field: "sources",
+        wanted: "a light grid",
+        found: "another kind".into(),
+    })
 }
 
-fn row_of(sources: &SourceBasis, node: usize) -> u32 {
-    let SourceBasis::LightGrid { rows, .. } = sources;
-    rows.get(node).copied().unwrap_or(NO_ROW)
-}
-
-/// The eight nodes around a point and their shares, which sum to 1; `None` outside the grid.
-fn nodes_around(sources: &SourceBasis, position: DVec3) -> Option<[(usize, f64); 8]> {
-    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = sources;
-    let (x, y, z) = (between(x_m, position.x)?, between(y_m, position.y)?, between(z_m, position.z)?);
-    let mut parts = [(0, 0.0); 8];
-    for (corner, part) in parts.iter_mut().enumerate() {
-        let pick = |side: usize, (low, high, share): (usize, usize, f64)| {
-            if corner >> side & 1 == 0 { (low, 1.0 - share) } else { (high, share) }
-        };
-        let (i, a) = pick(0, x);
-        let (j, b) = pick(1, y);
-        let (k, c) = pick(2, z);
-        *part = (i + x_m.len() * (j + y_m.len() * k), a * b * c);
-    }
-    Some(parts)
+fn corners(grid: &LightGrid) -> [DVec3; 2] {
+    grid.bounds().map(DVec3::from_array)
 }
 
 /// The weights that a response gives a stroke's points, rows rising. \[dobashi\] eq. 6.
@@ -317,21 +308,26 @@ fn split_into(
 ) -> Result<(), RuntimeError> {
     buffers.parts.clear();
     buffers.weights.clear();
+    let Some((grid, _)) = head.sources.light_grid() else {
+        return Err(RuntimeError::argument("sources", "a light grid", "another kind"));
+    };
     for light in lights {
         // Written so that NaN is refused too.
         if light.intensity.abs().partial_cmp(&BRIGHTEST).is_none_or(|order| order.is_gt()) {
             let wanted = format!("at most {BRIGHTEST:e} W/sr");
             return Err(RuntimeError::argument("lamp intensity", wanted, light.intensity));
         }
-        let parts = nodes_around(&head.sources, light.position);
-        let shares = parts.iter().flatten().filter(|(_, share)| *share > 0.0);
-        let before = buffers.parts.len();
-        buffers
-            .parts
-            .extend(shares.map(|&(node, share)| (row_of(&head.sources, node), share * light.intensity)));
-        let added = &buffers.parts[before..];
-        if added.is_empty() || added.iter().any(|&(row, _)| row == NO_ROW) {
-            let [low, high] = reach(&head.sources);
+        let parts = grid.split(light.position.to_array());
+        // A node of share 0 takes no part, and needs no row.
+        let mut covered = parts.is_some();
+        for (node, share) in parts.into_iter().flatten().filter(|(_, share)| *share > 0.0) {
+            match head.sources.row_of(node) {
+                Some(row) => buffers.parts.push((row, share * light.intensity)),
+                None => covered = false,
+            }
+        }
+        if !covered {
+            let [low, high] = corners(grid);
             let wanted = format!("a point between {low} and {high} m, where sources were baked");
             let found = format!("{} with {} W/sr", light.position, light.intensity);
             return Err(RuntimeError::argument("lamp position", wanted, found));
@@ -346,70 +342,35 @@ fn split_into(
     Ok(())
 }
 
-/// The interval of a rising axis that holds `value`, and how far into it; `None` outside.
-fn between(axis: &[f64], value: f64) -> Option<(usize, usize, f64)> {
-    let (first, last) = (*axis.first()?, *axis.last()?);
-    if !(first <= value && value <= last) {
-        return None;
-    }
-    let high =
-        axis.partition_point(|&node| node <= value).clamp(1, axis.len().max(2) - 1).min(axis.len() - 1);
-    let low = high.saturating_sub(1);
-    if low == high {
-        return Some((low, low, 0.0));
-    }
-    Some((low, high, (value - axis[low]) / (axis[high] - axis[low])))
-}
-
 /// The frame of `view_region` for a cloud's grid.
 pub fn view_region_frame(view_region: &ViewRegion, cloud: &Cloud) -> ViewRegionFrame {
     ViewRegionFrame::new(view_region, (0.5 * (cloud.origin_m + cloud.far_corner())).to_array())
 }
 
-/// Factors of each channel in direction `towards`: J(towards) = Σ factor × plane. Of [`DirectionalBasis::ViewRegion`] they differ from cell to
-/// cell, and with `view_region` absent, the frame and the cell's middle in m, they are 0.
+/// Factors of each coefficient in direction `towards`: J(towards) = Σ factor × plane; [`DirectionalBasis::factors`] by the
+/// vectors of this crate.
 pub fn basis_factors(
     basis: DirectionalBasis,
     view_region: Option<(&ViewRegionFrame, DVec3)>,
     towards: DVec3,
     factors: &mut Vec<f32>,
 ) {
-    factors.clear();
-    factors.resize(basis.count(), 0.0);
-    match basis {
-        DirectionalBasis::ViewRegion { .. } => {
-            let Some((frame, cell)) = view_region else { return };
-            let values = frame.functions(cell.to_array(), towards.to_array());
-            for (factor, value) in factors.iter_mut().zip(values) {
-                *factor = value as f32;
-            }
-        }
-        DirectionalBasis::Directions26 => {
-            for (direction, weight) in sphere::interpolate_26(towards.to_array()) {
-                factors[direction] += weight as f32;
-            }
-        }
-        DirectionalBasis::Harmonics { .. } => {
-            let values = sphere::harmonics(towards.to_array());
-            for (factor, value) in factors.iter_mut().zip(values) {
-                *factor = value as f32;
-            }
-        }
-    }
+    let view = view_region.map(|(frame, cell)| (frame, cell.to_array()));
+    basis.factors(towards.to_array(), view, factors);
 }
 
 impl Relit<'_> {
     /// J in cell `cell` towards the direction that `factors` were made for.
     pub fn value(&self, cell: usize, factors: &[f32]) -> f32 {
-        factors.iter().enumerate().map(|(channel, f)| f * self.planes[channel * self.cells + cell]).sum()
+        factors.iter().enumerate().map(|(plane, f)| f * self.planes[plane * self.cells + cell]).sum()
     }
 
-    /// Factors of each channel at a cell whose middle is `cell_m`, m, in direction `towards`: [`basis_factors`].
+    /// Factors of each coefficient at a cell whose middle is `cell_m`, m, in direction `towards`: [`basis_factors`].
     pub fn factors(&self, cell_m: DVec3, towards: DVec3, factors: &mut Vec<f32>) {
         basis_factors(self.basis, self.frame.as_ref().map(|frame| (frame, cell_m)), towards, factors);
     }
 
-    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere; `None` where only light towards eyes is known.
+    /// Fluence rate in cell `cell`, W/m²: J summed over the sphere; `None` where only light towards a view region is known.
     pub fn fluence(&self, cell: usize) -> Option<f32> {
         Some(match self.basis {
             DirectionalBasis::ViewRegion { .. } => return None,

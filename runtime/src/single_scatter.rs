@@ -59,6 +59,33 @@ impl Tally for TowardsViewer<'_> {
 /// rows counts as unscattered. The same bytes come out for any number of threads.
 ///
 /// Panics when an array is not one grid long.
+///
+/// ```
+/// use glam::DVec3;
+/// use squall_formats::GridShape;
+/// use squall_runtime::PointLight;
+/// use squall_runtime::single_scatter::{DirectSettings, add_direct};
+/// use squall_runtime::transport::{Boundary, Cloud};
+///
+/// // Thin air that scatters evenly, a light at its corner.
+/// let cloud = Cloud {
+///     shape: GridShape::new(9, 9, 9),
+///     cell_m: [20.0; 3],
+///     origin_m: DVec3::splat(-90.0),
+///     extinction: vec![1e-6; 729],
+///     albedo: 1.0,
+///     g: 0.0,
+///     boundary: Boundary::Open,
+/// };
+/// let light = PointLight { position: DVec3::splat(-80.0), intensity: 5.0 };
+/// let settings = DirectSettings { rays_per_point: 200_000, ..DirectSettings::default() };
+/// let mut j = vec![0.0; 729];
+/// add_direct(&cloud, 1.0, &[light], &vec![[0.0, 0.0, 1.0]; 729], settings, &mut j);
+/// // In the middle of the grid, √3 · 80 m away: J = I / (4π r²).
+/// let exact = 5.0 / (4.0 * std::f64::consts::PI * 3.0 * 80.0 * 80.0);
+/// let found = f64::from(j[cloud.shape.index(4, 4, 4)]);
+/// assert!((found / exact - 1.0).abs() < 0.05, "{found} for {exact}");
+/// ```
 pub fn add_direct(
     cloud: &Cloud,
     extinction_scale: f64,

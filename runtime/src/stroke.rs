@@ -4,11 +4,18 @@
 //! random angle, branches that leave at a wider one and keep to their parent's heading. The heading itself wanders: the
 //! straight line from start to end is displaced at its middle, then each half at its own, as real channels stray at every
 //! scale. Light falls with branch order and towards the tip of a branch, and along a channel it is in proportion to length.
+//!
+//! A few numbers grow up to [`MAX_SEGMENTS`] segments, so strokes grow when they flash and not when an asset is opened, and
+//! those that flash together have a limit in sum: [`grow_together`]. Growth is specified to the bit in SPEC.md, "Growth of a
+//! stroke", since light grids are pruned to where segments are.
 
 use crate::random::Random;
 use crate::relight::PointLight;
 use glam::DVec3;
-use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::bolt::{BoltSection, StrokeRecord};
+use squall_formats::section::view::ViewFlash;
+use squall_formats::{Limits, ReadError};
+use std::collections::HashMap;
 
 /// A straight piece of channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,14 +37,15 @@ pub struct Stroke {
     pub segments: Vec<Segment>,
 }
 
-/// More segments than this are not grown; branches beyond are left out.
-const MAX_SEGMENTS: usize = 1 << 16;
+/// A stroke has no more segments than this; branches beyond are left out.
+pub const MAX_SEGMENTS: usize = 1 << 16;
 /// Halvings of the main channel's line.
 const WANDER_LEVELS: u32 = 5;
 /// How fast a branch fades towards its tip: light per length goes as (distance to the tip)^½.
 const TAPER: f64 = 0.5;
 
 /// A branch that waits to be grown.
+#[derive(Clone, Copy)]
 struct Bud {
     at: DVec3,
     heading: DVec3,
@@ -46,46 +54,43 @@ struct Bud {
     brightness: f64,
 }
 
-impl Stroke {
-    /// Grows the stroke of `record`, whose numbers must have passed [`StrokeRecord::check`].
-    pub fn grow(record: &StrokeRecord) -> Self {
-        let mut random = Random::from_parts(&[record.seed, 0x424f_4c54]);
-        let (from, to) = (DVec3::from_array(record.from_m), DVec3::from_array(record.to_m));
+/// A stroke while it grows.
+struct Growth<'r> {
+    record: &'r StrokeRecord,
+    random: Random,
+    /// Segments that it stops at.
+    most: usize,
+    segments: Vec<Segment>,
+    /// Branches in the order in which they were left, which is that in which they grow.
+    buds: Vec<Bud>,
+}
+
+impl Growth<'_> {
+    /// The line that the main channel follows: from start to end, halved and displaced level by level.
+    fn line(&mut self) -> Vec<DVec3> {
+        let (from, to) = (DVec3::from_array(self.record.from_m), DVec3::from_array(self.record.to_m));
         let mut line = vec![from, to];
         for level in 0..WANDER_LEVELS {
             let mut finer = Vec::with_capacity(2 * line.len());
             for pair in line.windows(2) {
                 let offset =
-                    record.wander * (pair[1] - pair[0]).length() * if level == 0 { 1.0 } else { 0.8 };
-                let side = across(pair[1] - pair[0], &mut random);
-                finer.extend([pair[0], 0.5 * (pair[0] + pair[1]) + side * (offset * random.normal() * 0.5)]);
+                    self.record.wander * (pair[1] - pair[0]).length() * if level == 0 { 1.0 } else { 0.8 };
+                let side = across(pair[1] - pair[0], &mut self.random);
+                let middle = 0.5 * (pair[0] + pair[1]);
+                finer.extend([pair[0], middle + side * (offset * self.random.normal() * 0.5)]);
             }
             finer.push(to);
             line = finer;
         }
-        let mut stroke = Self::default();
-        let mut buds = Vec::new();
-        stroke.follow(record, &line, &mut random, &mut buds);
-        let mut next = 0;
-        while next < buds.len() && stroke.segments.len() < MAX_SEGMENTS {
-            let bud = std::mem::replace(
-                &mut buds[next],
-                Bud { at: from, heading: DVec3::Z, length: 0.0, order: 0, brightness: 0.0 },
-            );
-            next += 1;
-            stroke.branch(record, &bud, &mut random, &mut buds);
-        }
-        let total: f64 = stroke.segments.iter().map(|s| s.intensity).sum();
-        let scale = if total > 0.0 { record.intensity_w_per_sr / total } else { 0.0 };
-        stroke.segments.iter_mut().for_each(|s| s.intensity *= scale);
-        stroke
+        line
     }
 
     /// The main channel: segments that turn about the line's heading and end where it ends.
-    fn follow(&mut self, record: &StrokeRecord, line: &[DVec3], random: &mut Random, buds: &mut Vec<Bud>) {
+    fn follow(&mut self, line: &[DVec3]) {
+        let record = self.record;
         let total: f64 = line.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
         let (mut at, mut goal, mut gone) = (line[0], 1, 0.0);
-        while goal < line.len() && self.segments.len() < MAX_SEGMENTS {
+        while goal < line.len() && self.segments.len() < self.most {
             let left = line[goal] - at;
             // A goal that is about reached hands over to the next; the last one is met exactly.
             if left.length() < 1.5 * record.segment_m {
@@ -96,62 +101,124 @@ impl Stroke {
                 self.push(at, line[goal], 0, 1.0);
                 break;
             }
-            let heading = turned(left.normalize(), record.turn_rad, random);
+            let heading = turned(left.normalize(), record.turn_rad, &mut self.random);
             let end = at + heading * record.segment_m;
             self.push(at, end, 0, 1.0);
             gone += record.segment_m;
-            if random.unit() < record.branching && record.max_order > 0 {
-                let length = (total - gone).max(0.0) * record.branch_length * random.range(0.25, 1.0);
-                buds.push(self.bud(
-                    record,
-                    end,
-                    left.normalize(),
-                    length,
-                    1,
-                    record.branch_intensity,
-                    random,
-                ));
+            if self.random.unit() < record.branching && record.max_order > 0 {
+                let length = (total - gone).max(0.0) * record.branch_length * self.random.range(0.25, 1.0);
+                let parent = left.normalize();
+                self.leave(
+                    parent,
+                    Bud { at: end, heading: parent, length, order: 1, brightness: record.branch_intensity },
+                );
             }
             at = end;
         }
     }
 
     /// A branch: the same turns about a heading of its own, fading to nothing.
-    fn branch(&mut self, record: &StrokeRecord, bud: &Bud, random: &mut Random, buds: &mut Vec<Bud>) {
+    fn branch(&mut self, bud: Bud) {
+        let record = self.record;
         let (mut at, mut gone, mut heading) = (bud.at, 0.0, bud.heading);
-        while gone < bud.length && self.segments.len() < MAX_SEGMENTS {
+        while gone < bud.length && self.segments.len() < self.most {
             // The heading drifts slowly, the segments scatter about it.
-            heading = turned(heading, 0.25 * record.turn_rad, random);
-            let end = at + turned(heading, record.turn_rad, random) * record.segment_m;
+            heading = turned(heading, 0.25 * record.turn_rad, &mut self.random);
+            let end = at + turned(heading, record.turn_rad, &mut self.random) * record.segment_m;
             let left = (1.0 - gone / bud.length).max(0.0);
-            self.push(at, end, bud.order, bud.brightness * libm::pow(left, TAPER));
+            let brightness = bud.brightness * libm::pow(left, TAPER);
+            self.push(at, end, bud.order, brightness);
             gone += record.segment_m;
-            let next_order = bud.order + 1;
-            if next_order <= record.max_order && random.unit() < record.branching {
-                let length = (bud.length - gone).max(0.0) * record.branch_length * random.range(0.25, 1.0);
-                let brightness = bud.brightness * libm::pow(left, TAPER) * record.branch_intensity;
-                buds.push(self.bud(record, end, heading, length, next_order, brightness, random));
+            let order = bud.order + 1;
+            if order <= record.max_order && self.random.unit() < record.branching {
+                let length =
+                    (bud.length - gone).max(0.0) * record.branch_length * self.random.range(0.25, 1.0);
+                let brightness = brightness * record.branch_intensity;
+                self.leave(heading, Bud { at: end, heading, length, order, brightness });
             }
             at = end;
         }
     }
 
-    #[allow(clippy::too_many_arguments)]
-    fn bud(
-        &self,
-        record: &StrokeRecord,
-        at: DVec3,
-        parent: DVec3,
-        length: f64,
-        order: u8,
-        brightness: f64,
-        random: &mut Random,
-    ) -> Bud {
-        Bud { at, heading: turned(parent, record.branch_rad, random), length, order, brightness }
+    /// Leaves a branch that turns away from its parent's heading.
+    fn leave(&mut self, parent: DVec3, bud: Bud) {
+        let heading = turned(parent, self.record.branch_rad, &mut self.random);
+        self.buds.push(Bud { heading, ..bud });
     }
 
     fn push(&mut self, from: DVec3, to: DVec3, order: u8, brightness: f64) {
         self.segments.push(Segment { from, to, order, intensity: brightness * from.distance(to) });
+    }
+}
+
+/// Grows strokes that flash together, in the order given.
+///
+/// Errors: [`ReadError::OverLimit`] where they have more than `limits.segments` segments in sum; memory beyond that is not
+/// taken, nor work done.
+pub fn grow_together<'r>(
+    records: impl IntoIterator<Item = &'r StrokeRecord>,
+    limits: &Limits,
+) -> Result<Vec<Stroke>, ReadError> {
+    let (mut strokes, mut grown) = (Vec::new(), 0u64);
+    for record in records {
+        let left = usize::try_from(limits.segments - grown).unwrap_or(usize::MAX);
+        let stroke = Stroke::grow_up_to(record, MAX_SEGMENTS.min(left.saturating_add(1)));
+        grown += stroke.segments.len() as u64;
+        if grown > limits.segments {
+            return Err(ReadError::OverLimit {
+                section: BoltSection::TAG,
+                field: "segments of strokes that flash together",
+                wanted: grown,
+                allowed: limits.segments,
+            });
+        }
+        strokes.push(stroke);
+    }
+    Ok(strokes)
+}
+
+/// The records of the strokes that `flashes` name and give light, each with its factor; of strokes of one name the first.
+///
+/// Errors: the first name that no record has.
+pub fn flashing<'r, 'f>(
+    flashes: &'f [ViewFlash],
+    records: &'r [StrokeRecord],
+) -> Result<Vec<(&'r StrokeRecord, f64)>, &'f str> {
+    let mut named = HashMap::with_capacity(records.len());
+    for record in records {
+        named.entry(record.name.as_str()).or_insert(record);
+    }
+    let lit = flashes.iter().filter(|flash| flash.brightness > 0.0);
+    lit.map(|flash| match named.get(flash.stroke.as_str()) {
+        Some(&record) => Ok((record, flash.brightness)),
+        None => Err(flash.stroke.as_str()),
+    })
+    .collect()
+}
+
+impl Stroke {
+    /// Grows the stroke of `record`, whose numbers must have passed [`StrokeRecord::check`]: at most [`MAX_SEGMENTS`]
+    /// segments, some 5 MB while it grows.
+    pub fn grow(record: &StrokeRecord) -> Self {
+        Self::grow_up_to(record, MAX_SEGMENTS)
+    }
+
+    /// Like [`Stroke::grow`], but stops at `most` segments.
+    fn grow_up_to(record: &StrokeRecord, most: usize) -> Self {
+        let random = Random::from_parts(&[record.seed, 0x424f_4c54]);
+        let mut growth = Growth { record, random, most, segments: Vec::new(), buds: Vec::new() };
+        let line = growth.line();
+        growth.follow(&line);
+        let mut next = 0;
+        while next < growth.buds.len() && growth.segments.len() < most {
+            growth.branch(growth.buds[next]);
+            next += 1;
+        }
+        let mut segments = growth.segments;
+        let total: f64 = segments.iter().map(|s| s.intensity).sum();
+        let scale = if total > 0.0 { record.intensity_w_per_sr / total } else { 0.0 };
+        segments.iter_mut().for_each(|s| s.intensity *= scale);
+        Self { segments }
     }
 
     /// Radiant intensity of all segments, W/sr.
@@ -260,11 +327,41 @@ mod tests {
         assert_ne!(Stroke::grow(&record()), Stroke::grow(&StrokeRecord { seed: 6, ..record() }));
     }
 
+    fn wild() -> StrokeRecord {
+        StrokeRecord { branching: 1.0, branch_length: 1.0, max_order: 8, segment_m: 1.0, ..record() }
+    }
+
     #[test]
     fn growth_is_bounded_whatever_the_numbers() {
-        let wild =
-            StrokeRecord { branching: 1.0, branch_length: 1.0, max_order: 8, segment_m: 1.0, ..record() };
-        assert!(wild.check().is_ok());
-        assert!(Stroke::grow(&wild).segments.len() <= MAX_SEGMENTS);
+        assert!(wild().check().is_ok());
+        assert_eq!(Stroke::grow(&wild()).segments.len(), MAX_SEGMENTS);
+    }
+
+    #[test]
+    fn strokes_that_flash_together_are_bounded_in_sum_and_each_is_what_it_is_alone() {
+        let few = record();
+        let alone = Stroke::grow(&few);
+        let segments = 2 * alone.segments.len() as u64;
+        let limits = Limits { segments, ..Limits::default() };
+        assert_eq!(grow_together([&few, &few], &limits).unwrap(), [alone.clone(), alone]);
+        let one_less = Limits { segments: segments - 1, ..Limits::default() };
+        match grow_together([&few, &few], &one_less) {
+            Err(ReadError::OverLimit { wanted, allowed, .. }) => {
+                assert_eq!((wanted, allowed), (segments, segments - 1));
+            }
+            other => panic!("{other:?}"),
+        }
+        let many = vec![wild(); 17];
+        assert!(grow_together(&many[..16], &Limits::default()).is_ok(), "as many as the limit allows");
+        assert!(grow_together(&many, &Limits::default()).is_err());
+    }
+
+    #[test]
+    fn a_flash_finds_the_first_stroke_of_its_name_or_says_which_is_missing() {
+        let flash = |stroke: &str, brightness| ViewFlash { stroke: stroke.into(), brightness };
+        let records = [record(), StrokeRecord { seed: 9, ..record() }];
+        let found = flashing(&[flash("test", 2.0), flash("dark", 0.0)], &records).unwrap();
+        assert_eq!(found, [(&records[0], 2.0)]);
+        assert_eq!(flashing(&[flash("gone", 1.0)], &records), Err("gone"));
     }
 }

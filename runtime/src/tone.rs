@@ -1,7 +1,7 @@
 //! From linear light to a display: exposure, glow, a film-like curve that keeps hue, sRGB, dither.
 //!
-//! The curve works on the brightest channel and the colour follows it, so that a violet flash stays violet
-//! while it brightens and only its core turns white; a curve per channel would bend the hue on the way.
+//! The curve works on the brightest colour and the colour follows it, so that a violet flash stays violet
+//! while it brightens and only its core turns white; a curve per colour would bend the hue on the way.
 
 pub mod glow;
 
@@ -125,7 +125,7 @@ impl Tone {
         let pixels = signals.iter().enumerate().map(|(i, signal)| {
             let (x, y) = (i % picture.width, i / picture.width);
             std::array::from_fn(|band| {
-                // One offset a channel, so that the pattern is colour noise of half a step, not brightness.
+                // One offset a colour, so that the pattern is colour noise of half a step, not brightness.
                 let offset = if self.dither { pattern(x, y, band) } else { 0.5 };
                 cast((signal[band] * top + offset).min(top))
             })
@@ -134,7 +134,7 @@ impl Tone {
     }
 }
 
-/// A number in [0, 1) per pixel and channel whose neighbours differ much (interleaved gradient noise): summed
+/// A number in [0, 1) per pixel and colour whose neighbours differ much (interleaved gradient noise): summed
 /// over any small block it covers the interval evenly. [jimenez]
 fn pattern(x: usize, y: usize, band: usize) -> f32 {
     let (x, y) = (x as f32 + 47.0 * band as f32, y as f32 + 17.0 * band as f32);
@@ -172,7 +172,7 @@ mod tests {
             let brightness = libm::exp2f(step as f32 * 0.25);
             let shown = tone.curve(colour.map(|value| value * brightness));
             for band in 0..3 {
-                assert!(shown[band] >= last[band], "step {step}, channel {band}");
+                assert!(shown[band] >= last[band], "step {step}, colour {band}");
             }
             last = shown;
         }

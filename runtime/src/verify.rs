@@ -4,10 +4,13 @@
 
 use crate::error::RuntimeError;
 use crate::load::Asset;
+use crate::stroke::{flashing, grow_together};
 use squall_formats::container::Entry;
+use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::check::check;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::ResponseSection;
+use squall_formats::section::view::ViewSection;
 use squall_formats::{GridShape, ReadError};
 
 /// What a check looked at.
@@ -28,6 +31,7 @@ pub struct Verified {
 /// Errors: the first section, in file order, that is damaged, of a newer version, or not what it should be.
 pub fn verify(asset: &Asset) -> Result<Verified, RuntimeError> {
     asset.check_heads()?;
+    check_flashes(asset)?;
     let mut done = Verified { bytes: asset.bytes().len() as u64, ..Verified::default() };
     for entry in &asset.directory().entries {
         entry.check_whole(asset.bytes()).map_err(|error| asset.wrap(error))?;
@@ -42,6 +46,31 @@ pub fn verify(asset: &Asset) -> Result<Verified, RuntimeError> {
     Ok(done)
 }
 
+/// What a picture of the asset's own view would ask of its strokes: that they are there, and their segments in sum.
+fn check_flashes(asset: &Asset) -> Result<(), RuntimeError> {
+    let has = |tag| asset.directory().find(tag).is_some();
+    if !has(ViewSection::TAG) {
+        return Ok(());
+    }
+    let view = asset.section(ViewSection::TAG, "the view", ViewSection::read)?;
+    let strokes = match has(BoltSection::TAG) {
+        true => asset.section(BoltSection::TAG, "the strokes", BoltSection::read)?.strokes,
+        false => Vec::new(),
+    };
+    let unknown = |name: &str| ReadError::Invalid {
+        section: ViewSection::TAG,
+        offset: None,
+        field: "flashes.stroke",
+        wanted: "the name of a stroke of section BOLT",
+        found: name.to_owned(),
+    };
+    flashing(&view.flashes, &strokes)
+        .map_err(unknown)
+        .and_then(|lit| grow_together(lit.iter().map(|&(record, _)| record), asset.limits()))
+        .map_err(|error| asset.wrap(error))
+        .map(drop)
+}
+
 /// Reads one section whole. Number of its rows; `None` for a kind that this build does not know.
 fn read_section(asset: &Asset, entry: &Entry) -> Result<Option<usize>, ReadError> {
     let bytes = entry.bytes(asset.bytes())?;
@@ -50,37 +79,25 @@ fn read_section(asset: &Asset, entry: &Entry) -> Result<Option<usize>, ReadError
     if entry.head_length != entry.length - checked.bulk_bytes {
         return Err(ReadError::Invalid {
             section: entry.tag,
-            offset: 0,
+            offset: None,
             field: "head length in the section table",
             wanted: "everything before the bulk",
             found: entry.head_length.to_string(),
         });
     }
     if entry.tag == ResponseSection::TAG {
-        check_grid(asset, ResponseSection::read(bytes, entry.version, asset.limits())?.head.shape)?;
+        let response = ResponseSection::read(bytes, entry.version, asset.limits())?;
+        response.check_grid(cloud_shape(asset)?)?;
     }
     Ok(Some(checked.rows))
 }
 
-/// A response describes the cloud grid's cells, or blocks of them.
-fn check_grid(asset: &Asset, shape: GridShape) -> Result<(), ReadError> {
-    let whole = match asset.directory().find(CloudSection::TAG) {
-        Some(entry) => {
-            CloudSection::read(entry.bytes(asset.bytes())?, entry.version, asset.limits())?.head.shape
-        }
-        None => GridShape::new(0, 0, 0),
-    };
-    let divides = |whole: u32, part: u32| whole >= part && whole.is_multiple_of(part);
-    if divides(whole.nx, shape.nx) && divides(whole.ny, shape.ny) && divides(whole.nz, shape.nz) {
-        return Ok(());
-    }
-    Err(ReadError::Invalid {
-        section: ResponseSection::TAG,
-        offset: 8,
-        field: "shape",
-        wanted: "one that divides the cloud grid's",
-        found: format!("{shape:?} beside {whole:?}"),
-    })
+/// Shape of the cloud grid that a response stands beside.
+fn cloud_shape(asset: &Asset) -> Result<GridShape, ReadError> {
+    let missing =
+        ReadError::Missing { section: CloudSection::TAG, holds: "the grid that section CLRT lights" };
+    let entry = asset.directory().find(CloudSection::TAG).ok_or(missing)?;
+    Ok(CloudSection::read(entry.bytes(asset.bytes())?, entry.version, asset.limits())?.head.shape)
 }
 
 #[cfg(test)]

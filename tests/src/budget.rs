@@ -67,7 +67,7 @@ fn response_bytes(asset: &Asset) -> u64 {
 const ASKED: [f64; 3] = [0.36, 0.12, 0.04];
 
 #[test]
-fn budgets_three_times_apart_are_met_on_unseen_strokes_at_a_cost_that_falls_with_what_is_asked() {
+fn budgets_three_times_apart_are_met_on_held_out_strokes_at_a_cost_that_falls_with_what_is_asked() {
     let folder = tempfile::tempdir().unwrap();
     let mut costs = Vec::new();
     for asked in ASKED {
@@ -100,7 +100,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
         let spacing_m = 360.0 / 2.0 * libm::exp2(-0.25 * f64::from(step));
         let (lights, strokes) = Site::new(&recipe, clouds, &scene.cloud).held_out(spacing_m, 0).unwrap();
         let settings = squall_bake::response::ResponseSettings {
-            channels: DirectionalBasis::Harmonics { degree: 3 },
+            basis: DirectionalBasis::Harmonics { degree: 3 },
             ..clouds.response
         };
         let sources = Sources { lights, distant: Vec::new() };
@@ -192,7 +192,7 @@ fn an_error_and_bytes_asked_together_are_both_kept_or_refused_with_the_best_ther
 }
 
 #[test]
-fn a_budget_that_nothing_could_judge_is_refused() {
+fn a_budget_that_nothing_could_confirm_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());
     let refused = |lines: &str, word: &str| {

@@ -1,4 +1,4 @@
-//! Budgets of rain: classes of drops, judged by sums over drops of their own diameters that share nothing with the bake's
+//! Budgets of rain: classes of drops, compared with sums over drops of their own diameters that share nothing with the bake's
 //! quadrature.
 
 use squall_bake::BakeError;
@@ -79,7 +79,7 @@ fn fall_error(section: &DensitySection) -> f64 {
 }
 
 #[test]
-fn class_budgets_three_times_apart_are_met_on_unseen_rain_with_tables_that_grow() {
+fn class_budgets_three_times_apart_are_met_on_held_out_rain_with_tables_that_grow() {
     let mut bytes = Vec::new();
     for asked in [0.27, 0.09, 0.03] {
         let (section, record) = baked(&format!("class_error = {asked}"));

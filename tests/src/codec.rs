@@ -8,10 +8,11 @@ use squall_bake::compress::compress_row;
 use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
-use squall_bake::response::{BakedResponse, Job, LightGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::response::{BakedResponse, Job, ResponseSettings, Sources, WantedLights, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::haar::Haar;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis, DistantKind, accumulate};
@@ -42,12 +43,12 @@ const LOW: DVec3 = DVec3::new(-200.0, -100.0, 400.0);
 const HIGH: DVec3 = DVec3::new(250.0, 180.0, 650.0);
 
 fn sources() -> Sources {
-    let lights = LightGrid {
+    let grid = LightGrid {
         x_m: vec![LOW.x, 0.0, HIGH.x],
         y_m: vec![LOW.y, 30.0, HIGH.y],
         z_m: vec![LOW.z, 520.0, HIGH.z],
-        wanted: Vec::new(),
     };
+    let lights = WantedLights { grid, wanted: Vec::new() };
     Sources { lights, distant: vec![DistantKind::UpperSky] }
 }
 
@@ -68,7 +69,7 @@ fn strokes() -> Vec<Vec<PointLight>> {
 #[derive(Clone, Copy, Debug)]
 struct Case {
     codec: Codec,
-    channels: DirectionalBasis,
+    basis: DirectionalBasis,
     direct: DirectTerm,
     error: f64,
 }
@@ -78,7 +79,7 @@ const HARMONICS: DirectionalBasis = DirectionalBasis::Harmonics { degree: 1 };
 fn settings(case: Case) -> ResponseSettings {
     let quadrature = Quadrature::DoubleGauss { polar: 2, azimuths: 8 };
     ResponseSettings {
-        channels: case.channels,
+        basis: case.basis,
         direct: case.direct,
         codec: case.codec,
         relative_error: case.error,
@@ -121,7 +122,7 @@ fn norm(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn cases() -> [Case; 4] {
-    let case = |codec, channels, direct, error| Case { codec, channels, direct, error };
+    let case = |codec, basis, direct, error| Case { codec, basis, direct, error };
     [
         case(Codec::Bytes, HARMONICS, DirectTerm::AtRunTime, 0.02),
         case(Codec::Bytes, DirectionalBasis::Directions26, DirectTerm::InRows, 0.3),
@@ -158,8 +159,8 @@ fn light_of_any_stroke_is_off_by_no_more_than_the_stored_bounds() {
 
 #[test]
 fn without_a_threshold_nothing_is_lost() {
-    for (codec, channels) in [(Codec::Paper, HARMONICS), (Codec::Bytes, DirectionalBasis::Directions26)] {
-        let case = Case { codec, channels, direct: DirectTerm::InRows, error: 0.0 };
+    for (codec, basis) in [(Codec::Paper, HARMONICS), (Codec::Bytes, DirectionalBasis::Directions26)] {
+        let case = Case { codec, basis, direct: DirectTerm::InRows, error: 0.0 };
         let Baked { asset, response } = bake(case);
         let relighter = Relighter::new(&asset).unwrap();
         assert!(relighter.response().bounds.iter().all(|bound| bound.total() == 0.0), "{codec:?}");
@@ -175,7 +176,7 @@ fn without_a_threshold_nothing_is_lost() {
 #[test]
 fn with_all_light_as_the_budget_every_channel_is_left_at_its_mean() {
     for codec in [Codec::Paper, Codec::Bytes] {
-        let case = Case { codec, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 1.0 };
+        let case = Case { codec, basis: HARMONICS, direct: DirectTerm::AtRunTime, error: 1.0 };
         let Baked { asset, response } = bake(case);
         assert_eq!(response.kept, 0);
         let relighter = Relighter::new(&asset).unwrap();
@@ -196,7 +197,7 @@ fn with_all_light_as_the_budget_every_channel_is_left_at_its_mean() {
 
 #[test]
 fn the_papers_ambient_adds_the_bounds_of_what_was_left_out() {
-    let case = Case { codec: Codec::Paper, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.3 };
+    let case = Case { codec: Codec::Paper, basis: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.3 };
     let Baked { asset, response } = bake(case);
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
@@ -222,7 +223,7 @@ fn the_papers_ambient_adds_the_bounds_of_what_was_left_out() {
 
 #[test]
 fn a_strokes_weights_sum_to_its_energy() {
-    let case = Case { codec: Codec::Bytes, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.9 };
+    let case = Case { codec: Codec::Bytes, basis: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.9 };
     let Baked { asset, .. } = bake(case);
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
@@ -258,7 +259,7 @@ fn a_strokes_weights_sum_to_its_energy() {
 
 #[test]
 fn lamps_on_nodes_between_them_and_outside_split_as_they_should() {
-    let case = Case { codec: Codec::Bytes, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.9 };
+    let case = Case { codec: Codec::Bytes, basis: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.9 };
     let Baked { asset, .. } = bake(case);
     let relighter = Relighter::new(&asset).unwrap();
     let mut buffers = RelightBuffers::default();
@@ -293,8 +294,8 @@ proptest! {
             haar.forward(plane, &mut scratch);
         }
         let row = compress_row(&planes, 2, Codec::Paper, error);
-        let channels = response::channels(&row.bytes, 2).unwrap();
-        for ((channel, wanted), bound) in channels.iter().zip(values.chunks_exact(shape.len())).zip(&row.bounds) {
+        let basis = response::coefficient_planes(&row.bytes, 2).unwrap();
+        for ((channel, wanted), bound) in basis.iter().zip(values.chunks_exact(shape.len())).zip(&row.bounds) {
             let mut cells = vec![0.0; shape.len()];
             accumulate(channel, Codec::Paper, 1.0, &mut cells).unwrap();
             haar.inverse(&mut cells, &mut scratch);
@@ -330,7 +331,7 @@ fn one_two_and_eight_threads_and_every_simd_level_bake_the_same_bytes() {
 }
 
 #[test]
-fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fewer_bytes() {
+fn leaving_hidden_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fewer_bytes() {
     // All density in one corner: most of the grid is far from any.
     let mut cloud = cloud();
     for index in 0..cloud.shape.len() {
@@ -338,7 +339,7 @@ fn leaving_unseen_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fe
             cloud.extinction[index] = 0.0;
         }
     }
-    let case = Case { codec: Codec::Bytes, channels: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.0 };
+    let case = Case { codec: Codec::Bytes, basis: HARMONICS, direct: DirectTerm::AtRunTime, error: 0.0 };
     let strokes = strokes();
     let bake = |seen_only: bool, error: f64| {
         let settings = ResponseSettings { seen_only, relative_error: error, ..settings(case) };

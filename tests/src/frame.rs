@@ -5,7 +5,7 @@ use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
 use squall_formats::container::{self, OutSection};
-use squall_formats::section::response::{self, CHANNEL_BYTES, ResponseRows, ResponseSection};
+use squall_formats::section::response::{self, COEFFICIENT_BYTES, ResponseRows, ResponseSection};
 use squall_formats::section::view::{ViewFlash, ViewSection};
 use squall_runtime::Asset;
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
@@ -94,7 +94,7 @@ fn sum(picture: &Picture) -> f64 {
 fn with_dark_rows(whole: &Asset) -> Vec<OutSection> {
     let response = whole.section(ResponseSection::TAG, "response", ResponseSection::read).unwrap();
     let head = response.head.clone();
-    let nothing = vec![0u8; head.channels.count() * CHANNEL_BYTES];
+    let nothing = vec![0u8; head.basis.count() * COEFFICIENT_BYTES];
     let lamps = response.row_count() - head.distant.len();
     let row = |i: usize| if i < lamps { nothing.clone() } else { response.row(i).unwrap().to_vec() };
     let rows = (0..response.row_count()).map(row).collect();

@@ -189,7 +189,7 @@ fn golden_responses_are_of_the_kinds_that_their_recipes_ask_for() {
     let kind = |name| {
         let asset = asset(name);
         let head = Relighter::new(&asset).unwrap().response().head.clone();
-        (head.channels, head.codec, head.direct, head.distant.len())
+        (head.basis, head.codec, head.direct, head.distant.len())
     };
     let harmonics = DirectionalBasis::Harmonics { degree: 1 };
     assert_eq!(kind("golden"), (harmonics, Codec::Bytes, DirectTerm::AtRunTime, 3));
@@ -216,7 +216,7 @@ fn the_golden_asset_for_eyes_says_which_cells_they_see_and_where_they_stand() {
     let asset = asset("eyes");
     let relighter = Relighter::new(&asset).unwrap();
     let section = relighter.response();
-    assert_eq!((section.version, section.head.channels), (2, DirectionalBasis::ViewRegion { degree: 1 }));
+    assert_eq!((section.version, section.head.basis), (2, DirectionalBasis::ViewRegion { degree: 1 }));
     assert_eq!(section.head.view_region, recipe("eyes").clouds.unwrap().response.view_region);
     let seen = relighter.known_cells().iter().filter(|&&seen| seen).count();
     assert_eq!(

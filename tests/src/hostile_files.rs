@@ -5,7 +5,7 @@ use crate::root;
 use glam::DVec3;
 use squall_formats::container::{Directory, OutSection, write};
 use squall_formats::section::cloud::CloudSection;
-use squall_formats::section::response::{ResponseSection, RowEntry, SourceBasis};
+use squall_formats::section::response::{ResponseSection, RowEntry};
 use squall_formats::{Limits, Tag};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::verify::verify;
@@ -94,10 +94,8 @@ fn any_flipped_bit_in_bulk_data_is_noticed_by_verify() {
 
 /// A lamp on the first virtual source, and one on the last.
 fn lights(relighter: &Relighter<'_>) -> [PointLight; 2] {
-    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = &relighter.response().head.sources;
-    let last = |axis: &[f64]| axis[axis.len() - 1];
-    let light = |position| PointLight { position, intensity: 1.0 };
-    [light(DVec3::new(x_m[0], y_m[0], z_m[0])), light(DVec3::new(last(x_m), last(y_m), last(z_m)))]
+    let (grid, _) = relighter.response().head.sources.light_grid().unwrap();
+    grid.bounds().map(|corner| PointLight { position: DVec3::from_array(corner), intensity: 1.0 })
 }
 
 #[test]
@@ -144,6 +142,66 @@ fn unknown_sections_are_skipped_when_optional_and_refused_by_name_when_required(
     sections[2].required = true;
     let error = Asset::from_bytes(&written(&sections)).err().unwrap().to_string();
     assert!(error.contains("NEWS") && error.contains("required"), "{error}");
+}
+
+#[test]
+fn an_unknown_section_may_be_of_any_version_but_none() {
+    let mut sections = sections(&golden("golden.squall"));
+    sections.push(OutSection::small(Tag(*b"NEWS"), u16::MAX, false, vec![7; 77]));
+    assert!(Asset::from_bytes(&written(&sections)).is_ok());
+    for at in 0..sections.len() {
+        let version = std::mem::replace(&mut sections[at].version, 0);
+        let error = Asset::from_bytes(&written(&sections)).err().unwrap().to_string();
+        assert!(error.contains("section version"), "{error}");
+        sections[at].version = version;
+    }
+}
+
+#[test]
+fn a_known_section_marked_as_the_specification_does_not_is_refused_by_name() {
+    let mut sections = sections(&golden("golden.squall"));
+    for at in 0..sections.len() {
+        sections[at].required = !sections[at].required;
+        let error = Asset::from_bytes(&written(&sections)).err().unwrap().to_string();
+        assert!(error.contains(&sections[at].tag.to_string()) && error.contains("required"), "{error}");
+        sections[at].required = !sections[at].required;
+    }
+}
+
+/// The golden asset with its cloud grid twice as fine along x: its response is then light on blocks of cells.
+fn response_of_blocks() -> Vec<u8> {
+    let bytes = golden("golden.squall");
+    let asset = Asset::from_bytes(&bytes).unwrap();
+    let grid = asset.section(CloudSection::TAG, "the cloud grid", CloudSection::read).unwrap();
+    let mut head = grid.head.clone();
+    head.shape.nx *= 2;
+    head.cell_m[0] *= 0.5;
+    let finer: Vec<f32> = grid.extinction.iter().flat_map(|&value| [value; 2]).collect();
+    let mut sections = sections(&bytes);
+    let at = sections.iter().position(|section| section.tag == CloudSection::TAG).unwrap();
+    sections[at] = CloudSection { head, extinction: &finer }.write();
+    written(&sections)
+}
+
+#[test]
+fn light_on_blocks_of_cells_is_refused_by_verify_and_runtime_alike_and_names_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("blocks.squall");
+    std::fs::write(&path, response_of_blocks()).unwrap();
+    let asset = Asset::open(&path).unwrap();
+    let verified = verify(&asset).unwrap_err().to_string();
+    assert!(verified.contains("blocks.squall: section CLRT: shape: wanted the cloud grid's"), "{verified}");
+    assert!(verified.contains("9 × 8 × 4 cells beside 18 × 8 × 4"), "{verified}");
+    assert_eq!(Relighter::new(&asset).err().unwrap().to_string(), verified);
+    assert_eq!(squall_runtime::frame::Storm::new(&asset).err().unwrap().to_string(), verified);
+}
+
+#[test]
+fn a_view_whose_flash_no_stroke_answers_is_not_whole() {
+    let mut sections = sections(&golden("golden.squall"));
+    sections.retain(|section| section.tag != Tag(*b"BOLT"));
+    let error = verify(&Asset::from_bytes(&written(&sections)).unwrap()).unwrap_err().to_string();
+    assert!(error.contains("section VIEW: flashes.stroke") && error.contains("ground"), "{error}");
 }
 
 #[test]

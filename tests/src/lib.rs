@@ -66,6 +66,10 @@ mod rain_picture;
 #[cfg(test)]
 mod scenery;
 #[cfg(test)]
+mod spec_growth;
+#[cfg(test)]
+mod spec_light;
+#[cfg(test)]
 mod stability;
 #[cfg(test)]
 mod streaks;

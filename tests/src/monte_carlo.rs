@@ -8,7 +8,7 @@ use glam::DVec3;
 use squall_bake::cloud::{TruthSettings, solve_light};
 use squall_bake::fields::{Estimate, Fields, orthographic};
 use squall_bake::input::scene::{Optics, read_scene};
-use squall_bake::monte_carlo::{ChanceReport, ChanceSettings, solve_by_chance};
+use squall_bake::monte_carlo::{MonteCarloReport, MonteCarloSettings, solve_monte_carlo};
 use squall_bake::progress::Quiet;
 use squall_formats::GridShape;
 use squall_formats::units::Radians;
@@ -21,12 +21,12 @@ use std::f64::consts::PI;
 /// 10⁵ right answers would be called wrong.
 const SIGMAS: f64 = 4.5;
 
-fn photons(photons: u64) -> ChanceSettings {
-    ChanceSettings { photons, seed: 1 }
+fn photons(photons: u64) -> MonteCarloSettings {
+    MonteCarloSettings { photons, seed: 1 }
 }
 
-fn run(cloud: &Cloud, light: Light, cameras: &[(String, Camera)], count: u64) -> (Fields, ChanceReport) {
-    solve_by_chance(cloud, light, cameras, &photons(count), &Quiet).unwrap()
+fn run(cloud: &Cloud, light: Light, cameras: &[(String, Camera)], count: u64) -> (Fields, MonteCarloReport) {
+    solve_monte_carlo(cloud, light, cameras, &photons(count), &Quiet).unwrap()
 }
 
 fn lamp(position: DVec3, intensity: f64) -> Light {
@@ -372,8 +372,8 @@ fn bytes_depend_on_the_seed_and_not_on_the_number_of_threads() {
     let light = lamp(cloud.origin_m + DVec3::new(120.0, 90.0, 70.0), 5.0);
     let on = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let settings = ChanceSettings { photons: 40_001, seed };
-        pool.install(|| solve_by_chance(&cloud, light, &cameras, &settings, &Quiet).unwrap().0)
+        let settings = MonteCarloSettings { photons: 40_001, seed };
+        pool.install(|| solve_monte_carlo(&cloud, light, &cameras, &settings, &Quiet).unwrap().0)
     };
     let one = on(1, 1);
     assert!(one == on(2, 1) && one == on(5, 1));
@@ -397,7 +397,7 @@ fn what_photons_cannot_answer_is_refused_with_the_reason() {
     let (cloud, cameras) = small();
     let light = lamp(cloud.origin_m, 1.0);
     let refused = |cloud: &Cloud, light: Light, cameras: &[(String, Camera)], count: u64, words: &str| {
-        let error = solve_by_chance(cloud, light, cameras, &photons(count), &Quiet).unwrap_err();
+        let error = solve_monte_carlo(cloud, light, cameras, &photons(count), &Quiet).unwrap_err();
         assert_eq!(error.exit_code(), 3);
         assert!(error.to_string().contains(words), "{error}");
     };

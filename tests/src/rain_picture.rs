@@ -13,8 +13,8 @@ use squall_runtime::depth::{DepthBuffer, DepthKind};
 use squall_runtime::medium::Medium;
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{
-    Ceiling, Clip, Environment, Footprint, Kernel, RainVolume, Region, Scene, Shelter, ShelterMap, Shot,
-    SmoothWindow, Span, Weather, Workspace,
+    Ceiling, Clip, Footprint, Kernel, RainVolume, Region, Scene, Shelter, ShelterMap, Shot, SmoothWindow,
+    Span, Surroundings, Weather, Workspace,
 };
 use squall_runtime::shade::streak::StreakSet;
 use std::path::Path;
@@ -29,7 +29,7 @@ fn threads_change_neither_the_list_nor_a_pixel() {
         pool.install(|| {
             let mut workspace = Workspace::new();
             let mut picture = Picture::new(701, 397).unwrap();
-            let light = Environment { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
+            let light = Surroundings { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
             let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain: 2.0 };
             let streaks = rain().find(&shot, &weather, None, &mut workspace).unwrap().to_vec();
             workspace.draw(&shot, &scene, &mut picture).unwrap();
@@ -48,7 +48,7 @@ fn a_second_frame_of_the_same_kind_takes_no_memory() {
     let rain = rain();
     let mut workspace = Workspace::new();
     let mut picture = Picture::new(1920, 1080).unwrap();
-    let light = Environment { above: [1.0; 3], ..Default::default() };
+    let light = Surroundings { above: [1.0; 3], ..Default::default() };
     let scene = Scene { depth: None, kernel: &SmoothWindow, light: &light, gain: 1.0 };
     let mut frame = |time: f64, workspace: &mut Workspace| {
         let weather = Weather::steady(rate(25.0), DVec3::X, Seconds(time));
@@ -65,7 +65,7 @@ fn expected_coverage_is_the_extinction_of_the_drawn_shell() {
     const FRAMES: usize = 40;
     let rain = rain();
     let mut workspace = Workspace::new();
-    let black = Environment::default();
+    let black = Surroundings::default();
     let scene = Scene { depth: None, kernel: &SmoothWindow, light: &black, gain: 1.0 };
     for fov in [60.0, 120.0] {
         let camera = camera(DVec3::Z, DVec3::X, DVec3::Z, fov, [640, 360]);
@@ -135,7 +135,7 @@ fn draw(depth: Option<DepthBuffer>, gain: f64) -> (Picture, f64) {
     let mut workspace = Workspace::new();
     rain().find(&shot, &weather, None, &mut workspace).unwrap();
     let mut picture = Picture::new(320, 180).unwrap();
-    let light = Environment { above: [1.0; 3], below: [1.0; 3], behind: [1.0; 3], ..Default::default() };
+    let light = Surroundings { above: [1.0; 3], below: [1.0; 3], behind: [1.0; 3], ..Default::default() };
     let scene = Scene { depth, kernel: &SmoothWindow, light: &light, gain };
     workspace.draw(&shot, &scene, &mut picture).unwrap();
     let sum = workspace.mask().iter().map(|&alpha| f64::from(alpha)).sum();
@@ -273,7 +273,7 @@ fn coverage_is_the_drops_whatever_the_kernel() {
         let weather = Weather::steady(rate(50.0), DVec3::ZERO, Seconds(1.0));
         rain().find(&shot, &weather, None, &mut workspace).unwrap();
         let mut picture = Picture::new(320, 180).unwrap();
-        let scene = Scene { depth: None, kernel, light: &Environment::default(), gain };
+        let scene = Scene { depth: None, kernel, light: &Surroundings::default(), gain };
         workspace.draw(&shot, &scene, &mut picture).unwrap();
         workspace.mask().iter().map(|&alpha| f64::from(alpha)).sum()
     }
@@ -296,7 +296,7 @@ fn threads_change_no_pixel_of_patterns() {
             let weather = Weather::steady(rate(60.0), DVec3::X, Seconds(40.0));
             rain().find(&shot, &weather, None, &mut workspace).unwrap();
             let mut picture = Picture::new(301, 197).unwrap();
-            let light = Environment { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
+            let light = Surroundings { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
             let scene = Scene { depth: None, kernel: &set, light: &light, gain: 2.0 };
             workspace.draw(&shot, &scene, &mut picture).unwrap();
             picture

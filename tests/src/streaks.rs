@@ -6,7 +6,7 @@ use squall_bake::synth::streak::synth_streak;
 use squall_formats::section::streak::StreakPattern;
 use squall_formats::section::streak::StreakSection;
 use squall_runtime::rain::{self, Clip, Footprint, PatternScratch};
-use squall_runtime::shade::streak::{Kernel, Scratch, StreakSet, Tile};
+use squall_runtime::shade::streak::{Scratch, StreakPlacement, StreakSet, Tile};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
@@ -28,10 +28,10 @@ fn fit(pictures: &[(PathBuf, Grey)], method: Method, cosines: usize) -> Vec<Stre
 }
 
 /// A pattern's whole picture, `length` pixels long, its middle off the lattice, at `degrees` from upright.
-fn kernel_of(pattern: &StreakPattern, length: f64, degrees: f64) -> Kernel {
+fn kernel_of(pattern: &StreakPattern, length: f64, degrees: f64) -> StreakPlacement {
     let aspect = f64::from(pattern.size_px[0]) / f64::from(pattern.size_px[1]);
     let (sin, cos) = libm::sincos(degrees.to_radians());
-    Kernel {
+    StreakPlacement {
         middle: [120.3, 120.6],
         direction: [sin as f32, cos as f32],
         length: (length * pattern.body.length()) as f32,
@@ -43,7 +43,7 @@ fn kernel_of(pattern: &StreakPattern, length: f64, degrees: f64) -> Kernel {
 
 const SIDE: usize = 240;
 
-fn draw(pattern: &StreakPattern, kernel: &Kernel) -> Vec<f32> {
+fn draw(pattern: &StreakPattern, kernel: &StreakPlacement) -> Vec<f32> {
     let set = StreakSet::new(&StreakSection { patterns: vec![pattern.clone()] });
     let mut alpha = vec![0.0; SIDE * SIDE];
     let mut tile = Tile { origin: [0, 0], width: SIDE, alpha: &mut alpha };
@@ -52,7 +52,7 @@ fn draw(pattern: &StreakPattern, kernel: &Kernel) -> Vec<f32> {
 }
 
 /// The pattern's definition averaged over `count` × `count` points of every pixel.
-fn supersample(pattern: &StreakPattern, kernel: &Kernel, count: usize) -> Vec<f32> {
+fn supersample(pattern: &StreakPattern, kernel: &StreakPlacement, count: usize) -> Vec<f32> {
     let [dx, dy] = kernel.direction.map(f64::from);
     let norm = libm::sqrt(dx * dx + dy * dy);
     let (along, across) = ([dx / norm, dy / norm], [dy / norm, -dx / norm]);
@@ -77,7 +77,7 @@ fn supersample(pattern: &StreakPattern, kernel: &Kernel, count: usize) -> Vec<f3
 }
 
 /// dB over the area of the kernel's picture, and relative error of the sum.
-fn compare(pattern: &StreakPattern, kernel: &Kernel, drawn: &[f32], truth: &[f32]) -> (f64, f64) {
+fn compare(pattern: &StreakPattern, kernel: &StreakPlacement, drawn: &[f32], truth: &[f32]) -> (f64, f64) {
     let area = f64::from(kernel.length * kernel.width) / (pattern.body.length() * pattern.body.width());
     let squares: f64 = drawn
         .iter()

@@ -1,4 +1,4 @@
-//! Light towards eyes that stand in a box: as right there as light all around, in a fraction of the bytes, and refused elsewhere.
+//! Light towards viewpoints of a view region: as right there as light all around, in a fraction of the bytes, and refused elsewhere.
 
 use glam::DVec3;
 use squall_bake::diff::diff;
@@ -36,7 +36,8 @@ fn write_scene(folder: &Path) {
     std::fs::write(folder.join("cloud.json"), scene).unwrap();
 }
 
-const VIEWPOINTS: &str = "[clouds.eyes]\nlow_m = [-100.0, -100.0, 0.0]\nhigh_m = [100.0, 100.0, 40.0]\n";
+const VIEWPOINTS: &str =
+    "[clouds.view_region]\nlow_m = [-100.0, -100.0, 0.0]\nhigh_m = [100.0, 100.0, 40.0]\n";
 
 /// A stroke up through the cloud.
 const STROKE: &str = "[[strokes]]\nname = \"own\"\nseed = 3\nfrom_m = [0.0, 2300.0, 650.0]\nto_m = [100.0, 2600.0, 1000.0]\n\
@@ -69,15 +70,16 @@ fn response_bytes(asset: &Asset) -> u64 {
 }
 
 /// Rows hardly coded, so that channels alone differ.
-fn fixed(channels: &str, view_region: &str) -> String {
+fn fixed(basis: &str, view_region: &str) -> String {
     format!(
-        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nchannels = \"{channels}\"\nerror = 0.001\n\
+        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nchannels = \"{basis}\"\nerror = 0.001\n\
          test_strokes = 6\n\n{view_region}"
     )
 }
 
 #[test]
-fn three_channels_towards_eyes_are_as_good_there_as_sixteen_harmonics_and_take_a_fifth_of_the_bytes() {
+fn three_coefficients_towards_a_view_region_are_as_good_there_as_sixteen_harmonics_and_take_a_fifth_of_the_bytes()
+ {
     /// What a polynomial of degree 1 may add to the error that lamps' distance makes, both as L2.
     const ADDED: f64 = 0.01;
     /// Three channels of sixteen are 5.3 times fewer.
@@ -85,7 +87,7 @@ fn three_channels_towards_eyes_are_as_good_there_as_sixteen_harmonics_and_take_a
     /// Share of this small cloud's cells that its front leaves in sight, three rounds beside what is traced taken in: 0.96.
     const HIDDEN: f64 = 0.97;
     let folder = tempfile::tempdir().unwrap();
-    let view_region = baked(folder.path(), &fixed("eyes-1", VIEWPOINTS));
+    let view_region = baked(folder.path(), &fixed("view-region-1", VIEWPOINTS));
     let all = baked(folder.path(), &fixed("harmonics-3", VIEWPOINTS));
     let (few, many) = (figure(&view_region, "stroke L2"), figure(&all, "stroke L2"));
     println!(
@@ -98,12 +100,12 @@ fn three_channels_towards_eyes_are_as_good_there_as_sixteen_harmonics_and_take_a
     // Against light all around, deep cells too: what the box alone saves.
     let anywhere = baked(folder.path(), &fixed("harmonics-3", ""));
     let seen = figure(&view_region, "share of cells");
-    println!("{seen:.3} of the cells are seen; {} bytes for any eye", response_bytes(&anywhere));
+    println!("{seen:.3} of the cells are seen; {} bytes for any viewpoint", response_bytes(&anywhere));
     assert!(seen < HIDDEN && response_bytes(&all) < response_bytes(&anywhere));
 }
 
 #[test]
-fn a_budget_takes_channels_towards_eyes_where_they_are_cheapest_and_is_met_by_unseen_eyes() {
+fn a_budget_takes_a_basis_towards_a_view_region_where_that_is_cheapest_and_is_met_by_held_out_viewpoints() {
     let folder = tempfile::tempdir().unwrap();
     let asked = 0.2;
     let budget = format!("[clouds.response]\ntest_strokes = 8\n\n[clouds.budget]\nstroke_l2 = {asked}\n\n");
@@ -112,11 +114,11 @@ fn a_budget_takes_channels_towards_eyes_where_they_are_cheapest_and_is_met_by_un
     let head = &relighter.response().head;
     let chosen = records(&asset).into_iter().find(|record| record.asked == Some(asked)).unwrap();
     println!("{chosen:?}, {} bytes", response_bytes(&asset));
-    assert!(matches!(head.channels, DirectionalBasis::ViewRegion { .. }), "{:?}", head.channels);
-    assert!(chosen.metric.contains("unseen eyes") && chosen.got <= asked, "{chosen:?}");
+    assert!(matches!(head.basis, DirectionalBasis::ViewRegion { .. }), "{:?}", head.basis);
+    assert!(chosen.metric.contains("held-out viewpoints") && chosen.got <= asked, "{chosen:?}");
     let anywhere = baked(folder.path(), &budget);
-    println!("without eyes {} bytes", response_bytes(&anywhere));
-    /// For any eye it takes four channels or more where eyes take one.
+    println!("without a view region {} bytes", response_bytes(&anywhere));
+    /// For any viewpoint it takes four coefficients or more where a view region takes one.
     const FEWER: u64 = 2;
     assert!(FEWER * response_bytes(&asset) < response_bytes(&anywhere));
 }
@@ -162,7 +164,7 @@ fn a_budget_in_milliseconds_out_of_reach_says_the_best_there_is_and_what_helps()
 #[test]
 fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
-    let asset = baked(folder.path(), &fixed("eyes-0", VIEWPOINTS));
+    let asset = baked(folder.path(), &fixed("view-region-0", VIEWPOINTS));
     let relighter = Relighter::new(&asset).unwrap();
     let lights = [PointLight { position: DVec3::new(0.0, 2400.0, 900.0), intensity: 1.0 }];
     let shown = |position: DVec3, cells: bool| {
@@ -187,12 +189,12 @@ fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
 }
 
 #[test]
-fn assets_for_eyes_and_for_anyone_are_compared_where_both_can_be_seen() {
+fn assets_for_a_view_region_and_for_anyone_are_compared_where_both_can_be_seen() {
     /// Degree 1 against degree 3, coding, and cells that only one of them knows left out.
     const NEAR: f64 = 0.05;
     let folder = tempfile::tempdir().unwrap();
-    let [few, all] = [("eyes-1", VIEWPOINTS), ("harmonics-3", "")]
-        .map(|(channels, view_region)| baked(folder.path(), &fixed(channels, view_region)));
+    let [few, all] = [("view-region-1", VIEWPOINTS), ("harmonics-3", "")]
+        .map(|(basis, view_region)| baked(folder.path(), &fixed(basis, view_region)));
     let found = diff(&few, &all).unwrap();
     let l2 = found
         .parts
@@ -203,13 +205,13 @@ fn assets_for_eyes_and_for_anyone_are_compared_where_both_can_be_seen() {
     let away = VIEWPOINTS
         .replace("[-100.0, -100.0, 0.0]", "[-100.0, -900.0, 0.0]")
         .replace("[100.0, 100.0, 40.0]", "[100.0, -500.0, 40.0]");
-    let other = baked(folder.path(), &fixed("eyes-1", &away));
+    let other = baked(folder.path(), &fixed("view-region-1", &away));
     let found = diff(&few, &other).unwrap();
     assert!(found.parts.iter().any(|error| error.value.is_none() && error.metric.contains("do not meet")));
 }
 
 #[test]
-fn eyes_that_make_no_sense_are_refused_by_name() {
+fn view_regions_that_make_no_sense_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());
     let path = folder.path().join("recipe.toml");
@@ -221,14 +223,63 @@ fn eyes_that_make_no_sense_are_refused_by_name() {
         };
         assert!(words.iter().all(|word| error.contains(word)), "{error}");
     };
-    let view_region = |low: &str, high: &str| format!("[clouds.eyes]\nlow_m = {low}\nhigh_m = {high}\n");
-    let channels = "[clouds.response]\nchannels = \"eyes-1\"\n";
-    refused(channels, ["clouds.response.channels", "[clouds.eyes]"]);
-    refused(&format!("{channels}direct = \"rows\"\n{VIEWPOINTS}"), ["clouds.response.channels", "run-time"]);
-    refused(&view_region("[0.0, 0.0, 9.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.high_m", "no less than low_m"]);
-    refused(&view_region("[0.0, nan, 0.0]", "[1.0, 1.0, 8.0]"), ["clouds.eyes.low_m", "three numbers"]);
+    let view_region =
+        |low: &str, high: &str| format!("[clouds.view_region]\nlow_m = {low}\nhigh_m = {high}\n");
+    let basis = "[clouds.response]\nbasis = \"view-region-1\"\n";
+    refused(basis, ["clouds.response.basis", "[clouds.view_region]"]);
+    refused(&format!("{basis}direct = \"rows\"\n{VIEWPOINTS}"), ["clouds.response.basis", "run-time"]);
+    refused(
+        &view_region("[0.0, 0.0, 9.0]", "[1.0, 1.0, 8.0]"),
+        ["clouds.view_region.high_m", "no less than low_m"],
+    );
+    refused(
+        &view_region("[0.0, nan, 0.0]", "[1.0, 1.0, 8.0]"),
+        ["clouds.view_region.low_m", "three numbers"],
+    );
     let near = view_region("[-400.0, 1000.0, 0.0]", "[400.0, 1900.0, 300.0]");
-    refused(&format!("{channels}{near}"), ["clouds.response.channels", "too near"]);
+    refused(&format!("{basis}{near}"), ["clouds.response.basis", "too near"]);
     let view = "[view]\nposition_m = [0.0, 0.0, 99.0]\nheading_deg = 90.0\n";
-    refused(&format!("{VIEWPOINTS}{view}"), ["view.position_m", "[clouds.eyes]"]);
+    refused(&format!("{VIEWPOINTS}{view}"), ["view.position_m", "[clouds.view_region]"]);
+}
+
+/// Names that keys had before, and have still.
+const OLD_NAMES: [(&str, &str); 3] =
+    [("[clouds.view_region]", "[clouds.eyes]"), ("basis = ", "channels = "), ("view-region-1", "eyes-1")];
+
+fn in_old_names(lines: &str) -> String {
+    OLD_NAMES.iter().fold(lines.to_owned(), |lines, (new, old)| lines.replace(new, old))
+}
+
+#[test]
+fn a_recipe_with_the_old_names_of_keys_bakes_to_the_same_sections() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = fixed("view-region-1", VIEWPOINTS);
+    let [new, old] = [lines.clone(), in_old_names(&lines)].map(|lines| baked(folder.path(), &lines));
+    assert_eq!(new.directory().entries.len(), old.directory().entries.len());
+    for (a, b) in new.directory().entries.iter().zip(&old.directory().entries) {
+        // Provenance has the recipe's hash.
+        let same = a.bytes(new.bytes()).unwrap() == b.bytes(old.bytes()).unwrap();
+        assert_eq!((a.tag, same), (b.tag, a.tag != ProvenanceSection::TAG));
+    }
+}
+
+#[test]
+fn messages_name_keys_as_the_recipe_has_them_and_two_names_of_one_key_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let path = folder.path().join("recipe.toml");
+    let refused = |lines: &str, words: [&str; 2]| {
+        std::fs::write(&path, text(lines)).unwrap();
+        let error = Recipe::read(&path).unwrap_err().to_string();
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    };
+    let basis = "[clouds.response]\nbasis = \"view-region-1\"\n";
+    let rows = format!("{basis}direct = \"rows\"\n{VIEWPOINTS}");
+    refused(&in_old_names(&rows), ["clouds.response.channels", "run-time"]);
+    refused(
+        &in_old_names(&VIEWPOINTS.replace("-100.0, 0.0", "nan, 0.0")),
+        ["clouds.eyes.low_m", "three numbers"],
+    );
+    refused(&format!("{VIEWPOINTS}{}", in_old_names(VIEWPOINTS)), ["clouds.eyes", "both"]);
+    refused(&format!("{basis}channels = \"harmonics-1\"\n"), ["clouds.response.channels", "both"]);
 }

@@ -9,7 +9,7 @@ use crate::evaluate::RelitError;
 use crate::evaluate::candidate::touched;
 use crate::evaluate::views::{ViewFactors, Views};
 use crate::progress::{Progress, Quiet};
-use crate::response::{Job, LightGrid, ResponseSettings, SolvedRows, Sources, solve_rows};
+use crate::response::{Job, ResponseSettings, SolvedRows, Sources, WantedLights, solve_rows};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::view_region::ViewRegionFrame;
 use squall_runtime::relight::{
@@ -38,7 +38,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     }
     let all = lights.wanted_count();
     let wanted = touched(&lights, &strokes);
-    let sources = Sources { lights: LightGrid { wanted, ..lights }, distant: Vec::new() };
+    let sources = Sources { lights: WantedLights { wanted, ..lights }, distant: Vec::new() };
     let mut errors = if task.quick {
         vec![0.1, 0.01]
     } else {
@@ -53,14 +53,14 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         (DirectionalBasis::Harmonics { degree: 3 }, DirectTerm::AtRunTime),
         (DirectionalBasis::Harmonics { degree: 1 }, DirectTerm::AtRunTime),
     ];
-    if !kinds.contains(&(own.channels, own.direct)) {
-        kinds.push((own.channels, own.direct));
+    if !kinds.contains(&(own.basis, own.direct)) {
+        kinds.push((own.basis, own.direct));
     }
     let steps = errors.len() + task.peers.as_ref().map_or(0, |peers| peers.steps(task.quick));
     progress.begin("chart compression", (kinds.len() * steps) as u64);
     let mut points = Vec::new();
-    for (channels, direct) in kinds {
-        let settings = ResponseSettings { channels, direct, ..*own };
+    for (basis, direct) in kinds {
+        let settings = ResponseSettings { basis, direct, ..*own };
         let job = Job {
             cloud,
             sources: &sources,
@@ -71,10 +71,10 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         };
         let solved = solve_rows(&job, &Quiet)?;
         let sight = Sight::new(cloud, &solved);
-        let what = match (channels, direct) {
+        let what = match (basis, direct) {
             (DirectionalBasis::Directions26, _) => "26 directions, direct light inside".to_owned(),
             (DirectionalBasis::ViewRegion { .. }, _) => {
-                format!("{} coefficients towards the view region, direct light at run time", channels.count())
+                format!("{} coefficients towards the view region, direct light at run time", basis.count())
             }
             (other, _) => format!("{} harmonics, direct light at run time", other.count()),
         };
@@ -88,10 +88,10 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
                 for &ambient in ambients {
                     let chosen = !ambient
                         && codec == own.codec
-                        && channels == own.channels
+                        && basis == own.basis
                         && direct == own.direct
                         && error == own.relative_error;
-                    let mut point = coded(cloud, &solved, &sight, (channels, codec, error), ambient)?;
+                    let mut point = coded(cloud, &solved, &sight, (basis, codec, error), ambient)?;
                     point.truth = truth.clone();
                     point.bytes =
                         point.bytes.map(|bytes| bytes * all as u64 / solved.planes.len().max(1) as u64);
@@ -119,7 +119,7 @@ impl Sight {
         let head = &solved.head;
         let frame = head.view_region.as_ref().map(|view_region| view_region_frame(view_region, cloud));
         let views = Views::new(cloud, head.view_region.as_ref(), 0, |cell| head.sees(cell));
-        Self { factors: views.factors(head.channels, frame.as_ref()), views, frame }
+        Self { factors: views.factors(head.basis, frame.as_ref()), views, frame }
     }
 
     /// Errors of one stroke's channels against others of the same kind.
@@ -173,10 +173,10 @@ fn coded(
     cloud: &Cloud,
     solved: &SolvedRows,
     sight: &Sight,
-    (channels, codec, error): (DirectionalBasis, Codec, f64),
+    (basis, codec, error): (DirectionalBasis, Codec, f64),
     ambient: bool,
 ) -> Result<Point, BakeError> {
-    let baked = solved.encode(channels, codec, error);
+    let baked = solved.encode(basis, codec, error);
     let (strokes, rows) = (baked.held_out.clone(), baked.rows.rows.len().max(1));
     let (asset, bytes) = asset_of(cloud, baked)?;
     let relighter = Relighter::new(&asset)?;
@@ -185,7 +185,7 @@ fn coded(
     let mut each = Vec::with_capacity(strokes.len());
     for stroke in &strokes {
         let relit = relighter.relight(&stroke.lights, options, &mut buffers)?;
-        each.push(sight.errors(channels, relit.planes, &stroke.uncompressed));
+        each.push(sight.errors(basis, relit.planes, &stroke.uncompressed));
     }
     let count = strokes.len() as f64;
     let (done, cost) = seconds(REPEATS, || -> Result<(), BakeError> {

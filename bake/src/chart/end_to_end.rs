@@ -9,11 +9,12 @@ use crate::cloud::automatic_samples;
 use crate::error::BakeError;
 use crate::evaluate::candidate::touched;
 use crate::evaluate::{RelativeL2, relative_l2};
-use crate::monte_carlo::{ChanceSettings, solve_by_chance};
+use crate::monte_carlo::{MonteCarloSettings, solve_monte_carlo};
 use crate::progress::{Progress, Quiet};
 use crate::relit::relight;
-use crate::response::{Job, LightGrid, ResponseSettings, Sources, bake_response};
+use crate::response::{Job, ResponseSettings, Sources, WantedLights, bake_response};
 use glam::DVec3;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
 use squall_runtime::camera::{Camera, Projection};
@@ -92,7 +93,7 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
         ("baked for any viewpoint, 4 coefficients", ours(1)),
         ("paper: direct light baked, 26 directions", paper),
     ];
-    let own = (own.direct, own.channels, own.codec);
+    let own = (own.direct, own.basis, own.codec);
     if kinds.iter().all(|&(_, kind)| kind != own) {
         kinds.push(("baked, the recipe's basis", own));
     }
@@ -101,19 +102,19 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
 
 impl Shot<'_> {
     /// Relit from rows of lights `step` times as far apart as the recipe's.
-    fn baked(&self, (series, direct, channels, codec): Kind, step: f64) -> Result<Point, BakeError> {
+    fn baked(&self, (series, direct, basis, codec): Kind, step: f64) -> Result<Point, BakeError> {
         let own = &self.scene.settings;
-        let is_own = (direct, channels, codec) == (own.direct, own.channels, own.codec);
+        let is_own = (direct, basis, codec) == (own.direct, own.basis, own.codec);
         let spacing_m = self.scene.spacing_m * step;
         let grid = self.scene.site().place_lights(spacing_m)?;
         let wanted = touched(&grid, std::slice::from_ref(&self.stroke));
         let all = grid.wanted_count();
-        let mut settings = ResponseSettings { direct, channels, codec, ..*own };
+        let mut settings = ResponseSettings { direct, basis, codec, ..*own };
         if !is_own {
             // Those are baked for viewpoints anywhere: what a view region saves is the recipe's own.
             settings.view_region = None;
         }
-        let grid = LightGrid { wanted, ..grid };
+        let grid = WantedLights { wanted, ..grid };
         let tried = grid.wanted_count();
         let mut point = self.flash(grid, &settings)?;
         point.bytes = point.bytes.map(|bytes| bytes * all as u64 / tried.max(1) as u64);
@@ -132,7 +133,7 @@ impl Shot<'_> {
         let cloud = &self.scene.cloud;
         let mut settings = ResponseSettings {
             direct: DirectTerm::AtRunTime,
-            channels: DirectionalBasis::Harmonics { degree: 0 },
+            basis: DirectionalBasis::Harmonics { degree: 0 },
             refine,
             ..self.scene.settings
         };
@@ -140,7 +141,8 @@ impl Shot<'_> {
         // One virtual light far from the stroke: nothing of it is baked, so all of it is solved for.
         let side = (cloud.far_corner() - cloud.origin_m).max_element();
         let far = cloud.far_corner() + DVec3::splat(10.0 * side);
-        let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z], wanted: vec![true] };
+        let grid = LightGrid { x_m: vec![far.x], y_m: vec![far.y], z_m: vec![far.z] };
+        let grid = WantedLights { grid, wanted: vec![true] };
         let mut point = self.flash(grid, &settings)?;
         point.series = format!("live solve, refinement {refine}");
         point.setting = format!("live solve, refinement {refine}, residual {tolerance:e}");
@@ -149,7 +151,7 @@ impl Shot<'_> {
     }
 
     /// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
-    fn flash(&self, lights: LightGrid, settings: &ResponseSettings) -> Result<Point, BakeError> {
+    fn flash(&self, lights: WantedLights, settings: &ResponseSettings) -> Result<Point, BakeError> {
         let (cloud, stroke) = (&self.scene.cloud, self.stroke.as_slice());
         let sources = Sources { lights, distant: Vec::new() };
         let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
@@ -251,8 +253,8 @@ fn path_trace(
     let (mut sum, mut square): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
     for (at, light) in lights.iter().enumerate() {
         let light = Light::Point { position: light.position, intensity: light.intensity };
-        let settings = ChanceSettings { photons, seed: SEED + at as u64 };
-        let (fields, _) = solve_by_chance(&scene.cloud, light, &cameras, &settings, progress)?;
+        let settings = MonteCarloSettings { photons, seed: SEED + at as u64 };
+        let (fields, _) = solve_monte_carlo(&scene.cloud, light, &cameras, &settings, progress)?;
         let image = &fields.images[0].2;
         sum.resize(image.mean.len(), 0.0);
         sum.iter_mut().zip(&image.mean).for_each(|(sum, value)| *sum += value);

@@ -7,7 +7,7 @@ use crate::error::BakeError;
 use crate::evaluate::candidate::Candidate;
 use crate::plan::lights::Site;
 use crate::progress::{Progress, Quiet};
-use crate::response::{HeldOutStroke, Job, LightGrid, ResponseSettings, Sources, solve_held_out};
+use crate::response::{HeldOutStroke, Job, ResponseSettings, Sources, WantedLights, solve_held_out};
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_runtime::relight::PointLight;
 
@@ -31,7 +31,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let site = scene.site();
     let steps: &[f64] = if task.quick { &[2.0, 1.0] } else { &[4.0, 2.83, 2.0, 1.41, 1.0, 0.71, 0.5, 0.35] };
     let grids = steps.iter().map(|step| site.place_lights(scene.spacing_m * step));
-    let grids = grids.collect::<Result<Vec<LightGrid>, _>>()?;
+    let grids = grids.collect::<Result<Vec<WantedLights>, _>>()?;
     let strokes = common_strokes(&site, scene.spacing_m, &grids, if task.quick { 2 } else { 6 });
     if strokes.is_empty() {
         return Ok(Vec::new());
@@ -41,14 +41,14 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let mut points = Vec::new();
     for kind in kinds {
         progress.check()?;
-        let (_, direct, channels, codec) = kind;
-        let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+        let (_, direct, basis, codec) = kind;
+        let settings = ResponseSettings { direct, basis, codec, ..scene.settings };
         let known = solve_held_out(&scene.cloud, &settings, &strokes, None, &Quiet)?;
         progress.advance(1);
         for (&step, lights) in steps.iter().zip(&grids) {
             progress.check()?;
             progress.advance(1);
-            if Candidate::bytes(lights, &strokes, channels, &scene.cloud) <= MOST_BYTES {
+            if Candidate::bytes(lights, &strokes, basis, &scene.cloud) <= MOST_BYTES {
                 let sources = Sources { lights: lights.clone(), distant: Vec::new() };
                 points.push(point(&scene, kind, step, &sources, (&strokes, &known))?);
             }
@@ -66,7 +66,7 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
         ("4 coefficients", ours(1)),
         ("paper: direct light in 26 directions", paper),
     ];
-    let own = (own.direct, own.channels, own.codec);
+    let own = (own.direct, own.basis, own.codec);
     if kinds.iter().all(|&(_, kind)| kind != own) {
         kinds.push(("the recipe's basis", own));
     }
@@ -76,12 +76,12 @@ fn kinds(own: &ResponseSettings) -> Vec<Kind> {
 /// One grid's rows in one way, scored by strokes whose truth is `known`.
 fn point(
     scene: &ChartScene<'_>,
-    (series, direct, channels, codec): Kind,
+    (series, direct, basis, codec): Kind,
     step: f64,
     sources: &Sources,
     (strokes, known): (&[Vec<PointLight>], &[HeldOutStroke]),
 ) -> Result<Point, BakeError> {
-    let settings = ResponseSettings { direct, channels, codec, ..scene.settings };
+    let settings = ResponseSettings { direct, basis, codec, ..scene.settings };
     let error = settings.relative_error;
     let job = Job {
         cloud: &scene.cloud,
@@ -93,11 +93,11 @@ fn point(
     };
     let (done, cost) = seconds(1, || -> Result<_, BakeError> {
         let candidate = Candidate::new(&job, &[], &Quiet)?;
-        let coded = candidate.encode(channels, codec, error);
+        let coded = candidate.encode(basis, codec, error);
         Ok((candidate, coded))
     });
     let (candidate, _) = done?;
-    let outcome = candidate.code(channels, codec, error)?;
+    let outcome = candidate.code(basis, codec, error)?;
     let share = candidate.lights as f64 / candidate.rows().max(1) as f64;
     let own = &scene.settings;
     let towards_region = own.view_region.is_some();
@@ -115,7 +115,7 @@ fn point(
             (BAKE, cost.times(share)),
         ],
         bytes: Some(outcome.bytes),
-        chosen: step == 1.0 && (direct, channels, codec) == (own.direct, own.channels, own.codec),
+        chosen: step == 1.0 && (direct, basis, codec) == (own.direct, own.basis, own.codec),
         baseline: direct == DirectTerm::InRows && codec == Codec::Paper,
     })
 }
@@ -124,11 +124,11 @@ fn point(
 fn common_strokes(
     site: &Site<'_>,
     spacing_m: f64,
-    grids: &[LightGrid],
+    grids: &[WantedLights],
     count: usize,
 ) -> Vec<Vec<PointLight>> {
     let Some(finest) = grids.last() else { return Vec::new() };
-    let spacing = finest.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let spacing = finest.grid.x_m.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let spacing = if spacing.is_finite() { spacing } else { spacing_m };
     let strokes = site.strokes(finest, spacing, 0..count);
     let common = |stroke: Vec<PointLight>| -> Vec<PointLight> {

@@ -1,4 +1,4 @@
-//! Codecs from outside beside ours: a script codes the same rows, and what comes back is judged as ours is.
+//! Codecs from outside beside ours: a script codes the same rows, and what comes back is scored as ours is.
 //!
 //! The script (`data/peers/compress.py` is one) is called with `list`, and then with `code ID FOLDER` for each peer and error. Rows
 //! go through files in a temporary folder:
@@ -65,7 +65,7 @@ impl Peers {
         self.found.len() * asked(quick).len()
     }
 
-    /// Every peer's rows at every error, judged by the strokes of `solved`; `all` lamps would be stored.
+    /// Every peer's rows at every error, scored by the strokes of `solved`; `all` virtual lights would be stored.
     pub(super) fn sweep(
         &self,
         solved: &SolvedRows,
@@ -139,7 +139,7 @@ impl<'a> Evaluate<'a> {
         let each: Vec<RelitError> = sums
             .iter()
             .zip(&self.solved.held_out)
-            .map(|(sum, stroke)| self.sight.errors(self.solved.head.channels, sum, &stroke.uncompressed))
+            .map(|(sum, stroke)| self.sight.errors(self.solved.head.basis, sum, &stroke.uncompressed))
             .collect();
         mean_errors(&each)
     }

@@ -1,4 +1,4 @@
-//! Streaks drawn from their pictures, without any fit: what frames of patterns are judged by.
+//! Streaks drawn from their pictures, without any fit: what frames of patterns are compared with.
 //!
 //! | symbol | name                                                   | unit   |
 //! | u, v   | place in the picture, across and along                 | 0 to 1 |

@@ -16,7 +16,7 @@ use squall_formats::section::streak::{StreakPattern, StreakSection};
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::picture::Picture;
-use squall_runtime::rain::{Environment, Kernel, Rain, Scene, Shot, SmoothWindow, Weather, Workspace};
+use squall_runtime::rain::{Kernel, Rain, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
 use squall_runtime::shade::streak::StreakSet;
 use std::path::PathBuf;
 
@@ -154,7 +154,7 @@ impl View<'_> {
         let rain = Rain::new(self.section, 7);
         rain.find(&shot, &weather, None, workspace)?;
         picture.pixels.fill([0.0; 3]);
-        let light = Environment { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
+        let light = Surroundings { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
         workspace.draw(&shot, &Scene { depth: None, kernel, light: &light, gain: GAIN }, picture)?;
         Ok(())
     }

@@ -7,7 +7,7 @@ use crate::input::picture::{Grey, read_grey};
 use crate::progress::Progress;
 use crate::streak::{FitSettings, Method, Source, fit_all};
 use squall_formats::section::streak::{StreakPattern, StreakSection};
-use squall_runtime::shade::streak::{Kernel, Scratch, StreakSet, Tile};
+use squall_runtime::shade::streak::{Scratch, StreakPlacement, StreakSet, Tile};
 use std::path::PathBuf;
 
 pub const PSNR: &str = "PSNR, dB";
@@ -102,10 +102,10 @@ fn drawing(patterns: &[StreakPattern]) -> Cost {
     const SIDE: usize = 160;
     const REPEATS: usize = 15;
     let set = StreakSet::new(&StreakSection { patterns: patterns.to_vec() });
-    let kernels: Vec<Kernel> = patterns
+    let kernels: Vec<StreakPlacement> = patterns
         .iter()
         .enumerate()
-        .map(|(index, pattern)| Kernel {
+        .map(|(index, pattern)| StreakPlacement {
             middle: [80.3, 80.6],
             direction: [0.2, 0.98],
             length: (LENGTH * pattern.body.length()) as f32,

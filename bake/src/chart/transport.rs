@@ -7,7 +7,7 @@ use crate::cloud::{TruthSettings, solve_light};
 use crate::error::BakeError;
 use crate::evaluate::RelativeL2;
 use crate::input::scene::{Optics, read_scene};
-use crate::monte_carlo::{ChanceSettings, solve_by_chance};
+use crate::monte_carlo::{MonteCarloSettings, solve_monte_carlo};
 use crate::progress::{Progress, Quiet};
 use crate::recipe::parse_directions;
 use squall_formats::section::response::SweepScheme;
@@ -137,7 +137,7 @@ fn own_case(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Option<Case>, B
     let light = scene.light();
     let light = Light::Point { position: light.position, intensity: light.intensity };
     let (fields, _) =
-        solve_by_chance(&scene.cloud, light, &[], &ChanceSettings { photons, seed: SEED }, progress)?;
+        solve_monte_carlo(&scene.cloud, light, &[], &MonteCarloSettings { photons, seed: SEED }, progress)?;
     let (wanted, errors) = (fields.phi_scattered.mean, fields.phi_scattered.error.unwrap_or_default());
     let noise = Case::noise(&wanted, &errors, &scene.cloud);
     let words = format!("{}: Monte Carlo (its noise {:.1} %)", scene.words, 100.0 * noise);

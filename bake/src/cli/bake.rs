@@ -93,6 +93,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     args.check_usage();
     let start = Instant::now();
     let recipe = Recipe::read(&args.recipe)?;
+    memory::require_grid(&recipe, args.memory.limit())?;
     if args.preview.is_some() && recipe.view.is_none() {
         return Err(BakeError::input(&args.recipe, "view", "a table [view] to preview", "none").into());
     }

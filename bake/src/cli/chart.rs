@@ -35,7 +35,7 @@ pub struct Args {
     /// Sweeps nothing, and draws again what an earlier sweep left in the folder's data.json.
     #[arg(long, conflicts_with_all = ["quick", "only", "reference", "peers"])]
     redraw: bool,
-    /// Folder of independent reference data (fields, streak pictures), for the series that are judged by it.
+    /// Folder of independent reference data (fields, streak pictures), for the series that have it as their truth.
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
     /// Python script that codes rows with outside codecs, for the chart compression: data/peers/compress.py knows zfp and SZ3,

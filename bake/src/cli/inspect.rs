@@ -12,9 +12,7 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
-use squall_formats::section::response::{
-    Codec, DirectTerm, DirectionalBasis, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
-};
+use squall_formats::section::response::{Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection};
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -240,15 +238,17 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
 }
 
 fn describe_response(head: &ResponseHead) -> String {
-    let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &head.sources;
-    let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
-    let channels = match head.channels {
-        DirectionalBasis::Directions26 => "26 directions".to_owned(),
-        DirectionalBasis::Harmonics { .. } => format!("{} harmonics", head.channels.count()),
-        DirectionalBasis::ViewRegion { .. } => {
-            format!("{} coefficients towards a view region", head.channels.count())
-        }
-    };
+    let lights = head.sources.light_grid().map_or_else(String::new, |(grid, rows)| {
+        let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
+        let [x, y, z] = grid.axes().map(<[f64]>::len);
+        let pruned = if baked < rows.len() {
+            format!(" (pruned: {:.2} % of their box can be lit)", 100.0 * contents::share_of_bounds(head))
+        } else {
+            String::new()
+        };
+        format!("{baked} of {x} × {y} × {z} virtual lights{pruned}, ")
+    });
+    let basis = head.basis.name();
     let cells = head.shape.len();
     let seen = match (0..cells).filter(|&cell| head.sees(cell)).count() {
         all if all == cells => String::new(),
@@ -266,17 +266,8 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::InRows => "direct light inside",
         DirectTerm::AtRunTime => "direct light at run time",
     };
-    let pruned = if baked < rows.len() {
-        format!(" (pruned: {:.2} % of their box can be lit)", 100.0 * contents::share_of_bounds(head))
-    } else {
-        String::new()
-    };
     format!(
-        "response: {baked} of {} × {} × {} virtual lights{pruned}, {} distant lights, {channels}, {codec}, {direct}{seen}\
-         {view_region}",
-        x_m.len(),
-        y_m.len(),
-        z_m.len(),
+        "response: {lights}{} distant lights, {basis}, {codec}, {direct}{seen}{view_region}",
         head.distant.len()
     )
 }

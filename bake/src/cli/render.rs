@@ -140,7 +140,7 @@ fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds:
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.
 fn view_of(args: &Args, storm: &Storm<'_>) -> anyhow::Result<ViewSection> {
-    let strokes: Vec<String> = storm.strokes().map(|(record, _)| record.name.clone()).collect();
+    let strokes: Vec<String> = storm.strokes().iter().map(|record| record.name.clone()).collect();
     let mut view = match (&args.scene, storm.view()) {
         (Some(path), _) => read_view(path, &strokes)?,
         (None, Some(view)) => view.clone(),

@@ -10,7 +10,7 @@ use squall_bake::cloud::{TruthSettings, automatic_refinement, solve_light};
 use squall_bake::fields::{Estimate, Fields, orthographic};
 use squall_bake::input::scene::{Optics, Scene, read_scene};
 use squall_bake::memory;
-use squall_bake::monte_carlo::{ChanceSettings, PHOTONS, solve_by_chance};
+use squall_bake::monte_carlo::{MonteCarloSettings, PHOTONS, solve_monte_carlo};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
@@ -68,7 +68,7 @@ pub struct Args {
 enum Method {
     /// Discrete ordinates.
     Sweep,
-    /// Photons by chance, with standard errors: shares nothing with the sweep but the scene.
+    /// Photons, with standard errors: shares nothing with the sweep but the scene.
     MonteCarlo,
 }
 
@@ -197,12 +197,12 @@ fn sweep(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Field
 }
 
 fn monte_carlo(args: &Args, scene: &Scene, light: Light, bars: &Bars) -> Result<(Fields, Value, String)> {
-    let defaults = ChanceSettings::default();
-    let settings = ChanceSettings {
+    let defaults = MonteCarloSettings::default();
+    let settings = MonteCarloSettings {
         photons: args.samples.unwrap_or(defaults.photons),
         seed: args.seed.unwrap_or(defaults.seed),
     };
-    let (fields, report) = solve_by_chance(&scene.cloud, light, &scene.cameras, &settings, bars)?;
+    let (fields, report) = solve_monte_carlo(&scene.cloud, light, &scene.cameras, &settings, bars)?;
     let lines = format!(
         "{} lit by {}: {} photons, seed {}\nmean scattered fluence rate {:.4e} ± {:.1e} W/m², energy balance {:+.1e} ± {:.1e}",
         args.scene.display(),

@@ -7,7 +7,7 @@ use super::{Outcome, cost};
 use crate::asset::asset_of;
 use crate::error::BakeError;
 use crate::progress::Progress;
-use crate::response::{BakedResponse, HeldOutStroke, Job, LightGrid, SolvedRows, Sources, solve_rows};
+use crate::response::{BakedResponse, HeldOutStroke, Job, SolvedRows, Sources, WantedLights, solve_rows};
 use squall_formats::meta;
 use squall_formats::section::response::{Codec, DirectionalBasis};
 use squall_runtime::relight::{PointLight, Relighter};
@@ -38,7 +38,7 @@ impl<'a> Candidate<'a> {
     ) -> Result<Self, BakeError> {
         let (lights, settings) = (&job.sources.lights, job.settings);
         let wanted = touched(lights, job.held_out);
-        let sources = Sources { lights: LightGrid { wanted, ..lights.clone() }, distant: Vec::new() };
+        let sources = Sources { lights: WantedLights { wanted, ..lights.clone() }, distant: Vec::new() };
         let solved = solve_rows(&Job { sources: &sources, ..*job }, progress)?;
         let view_region = settings.view_region.as_ref();
         let held_out = HeldOutSet::new(job.cloud, view_region, settings.direct, &solved.held_out, 0);
@@ -80,7 +80,7 @@ impl<'a> Candidate<'a> {
 
     /// Bytes that the solved rows of such a candidate take.
     pub fn bytes(
-        lights: &LightGrid,
+        lights: &WantedLights,
         strokes: &[Vec<PointLight>],
         basis: DirectionalBasis,
         cloud: &Cloud,
@@ -101,7 +101,7 @@ impl<'a> Candidate<'a> {
 }
 
 /// Which nodes of `lights` the strokes are split over; those that are not wanted stay so.
-pub fn touched(lights: &LightGrid, strokes: &[Vec<PointLight>]) -> Vec<bool> {
+pub fn touched(lights: &WantedLights, strokes: &[Vec<PointLight>]) -> Vec<bool> {
     let mut touched = vec![false; lights.len()];
     for point in strokes.iter().flatten() {
         for node in lights.around(point.position).into_iter().flatten() {

@@ -28,7 +28,7 @@ fn bytes_each(codec: Codec) -> f64 {
 
 /// Milliseconds that relighting from rows of `bytes` bytes in all counts for.
 pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
-    let cells = head.shape.len() * head.channels.count();
+    let cells = head.shape.len() * head.basis.count();
     let coefficients = bytes / bytes_each(head.codec);
     1e-6 * (NS_PER_COEFFICIENT * coefficients + NS_PER_CELL * cells as f64)
 }

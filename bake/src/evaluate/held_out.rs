@@ -44,7 +44,7 @@ impl HeldOutSet {
     pub fn scores(&self, relighter: &Relighter<'_>, strokes: &[HeldOutStroke]) -> Result<Scores, BakeError> {
         let frame =
             relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
-        let factors = self.views.factors(relighter.response().head.channels, frame.as_ref());
+        let factors = self.views.factors(relighter.response().head.basis, frame.as_ref());
         let each: Vec<Result<Scores, BakeError>> = strokes
             .par_iter()
             .zip(&self.strokes)

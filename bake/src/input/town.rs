@@ -275,7 +275,7 @@ mod tests {
         for (bad, says) in [
             (
                 good.replace("wetness", "wettness"),
-                "line 1 column 49: unknown key: wanted a known key; the nearest is `wetness`, found `wettness`",
+                "line 1 column 47: unknown key: wanted a known key; the nearest is `wetness`, found `wettness`",
             ),
             (good.replace("0.2", "\"much\""), "line 1 column"),
             (good.replace("0.2", "1.2"), "ground wetness, puddles and ripple"),

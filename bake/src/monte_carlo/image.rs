@@ -1,4 +1,4 @@
-//! Pictures by chance: at every scattering, what of it goes straight to each camera.
+//! Pictures by Monte Carlo: at every scattering, what of it goes straight to each camera.
 //!
 //! Light of power w that scatters at a place sends w p e^{−τ} per steradian towards the camera, τ the optical depth on the way.
 //! A pixel's mean radiance, over the pixel's part of the picture, gains
@@ -45,7 +45,7 @@ impl Viewpoint {
         let mut eye = Self { camera: camera.clone(), scale, orthographic, copies: None };
         if grid.repeats(0) {
             let refused = |found: &str| {
-                let wanted = "an orthographic camera that looks up or down, where a grid without sides is solved by chance";
+                let wanted = "an orthographic camera that looks up or down, where a grid without sides is solved by Monte Carlo";
                 RuntimeError::argument("camera", wanted, format!("\"{name}\", {found}"))
             };
             if !orthographic {

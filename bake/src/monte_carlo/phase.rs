@@ -1,4 +1,4 @@
-//! Henyey and Greenstein's phase function by chance: its value, and directions drawn from it.
+//! Henyey and Greenstein's phase function, sampled: its value, and directions drawn from it.
 //!
 //! With ξ uniform in [0, 1), the inverse of the cumulative function is written so that nothing cancels and nothing divides by
 //! g: 1 − cos θ = 2 (1−g)² (1−ξ)((1+g)−g(1−ξ)) / (1−g+2gξ)², and 1 + cos θ = 2 (1+g)² ξ ((1−g)+gξ) / (1−g+2gξ)². Their product is

@@ -115,7 +115,7 @@ impl Made {
             cache: site.cache,
         };
         let baked = bake_response(&job, progress)?;
-        let (sources, coefficients) = (baked.rows.rows.len(), baked.head.channels.count());
+        let (sources, coefficients) = (baked.rows.rows.len(), baked.head.basis.count());
         let made = format!("{sources} sources × {coefficients} coefficients a cell, {} kept", baked.kept);
         let section = response::write(&baked.head, baked.rows);
         let solver = &baked.head.solver;

@@ -34,13 +34,13 @@ fn streaks(recipe: &Recipe, rain: &Rain, progress: &dyn Progress) -> Result<Stag
     }
     let clock = Clock::start();
     progress.begin("streaks", rain.pictures.len() as u64);
-    let fitted = fit_streaks(rain, progress)?;
-    let inputs = fitted.pictures.iter().map(|one| input_record(recipe, &one.input)).collect();
-    let nearest = fitted.pictures.iter().filter_map(|one| one.chosen.cheaper.as_ref());
+    let (fitted, worst_picture) = fit_streaks(rain, progress)?;
+    let inputs = fitted.iter().map(|one| input_record(recipe, &one.input)).collect();
+    let nearest = fitted.iter().filter_map(|one| one.chosen.cheaper.as_ref());
     // The first of those that are as near.
     let nearest = nearest.reduce(|best, next| if next.psnr_db > best.psnr_db { next } else { best });
     let next_cheaper = nearest.map(pattern_words);
-    let patterns: Vec<StreakPattern> = fitted.pictures.iter().map(|one| one.chosen.pattern.clone()).collect();
+    let patterns: Vec<StreakPattern> = fitted.into_iter().map(|one| one.chosen.pattern).collect();
     let worst = patterns.iter().map(|p| p.psnr_db).fold(f64::INFINITY, f64::min);
     let mean = patterns.iter().map(|p| p.psnr_db).sum::<f64>() / patterns.len() as f64;
     let terms: usize = patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
@@ -51,7 +51,7 @@ fn streaks(recipe: &Recipe, rain: &Rain, progress: &dyn Progress) -> Result<Stag
             asked: Some(asked),
             got: worst,
             chosen: format!("{}, {terms} cosines in {} patterns", methods_of(&patterns), patterns.len()),
-            next_better: streaks_beyond(fitted.worst, &patterns)?,
+            next_better: streaks_beyond(worst_picture, &patterns)?,
             next_cheaper,
         },
         None => BudgetRecord {
@@ -115,61 +115,56 @@ fn methods_of(patterns: &[StreakPattern]) -> String {
     used.map(Method::name).collect::<Vec<_>>().join(" and ")
 }
 
-/// A picture's pattern, and the file as it was read.
-struct FittedPicture {
+/// A picture's pattern, with the nearest that takes fewer bytes where a PSNR chose it, and the file as it was read.
+struct Fitted {
     chosen: ChosenPattern,
     input: Fingerprint,
 }
 
-/// Patterns of all pictures, in their order.
-struct Fitted {
-    pictures: Vec<FittedPicture>,
-    /// Where a PSNR chose them, the picture whose pattern has the lowest, with its place.
-    worst: Option<(usize, Grey)>,
+/// The picture whose pattern is worst, with its place: the first of those that are as bad.
+struct Worst {
+    psnr_db: f64,
+    at: usize,
+    picture: Grey,
 }
 
-/// The patterns, in the pictures' order; where a PSNR chose them each with the nearest that takes fewer bytes.
-fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<Fitted, BakeError> {
+/// Patterns of all pictures, in their order; where a PSNR chose them, the picture whose pattern is worst too.
+fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<(Vec<Fitted>, Option<Worst>), BakeError> {
     let methods = if rain.method_given { std::slice::from_ref(&rain.fit.method) } else { &METHODS };
-    // Of all pictures the one whose pattern is worst is kept, so that none is read twice: the first of those that are as bad.
-    let worst: Mutex<Option<(f64, usize, Grey)>> = Mutex::new(None);
-    let fit_one = |(at, path): (usize, &PathBuf)| -> Result<FittedPicture, BakeError> {
+    let worst: Mutex<Option<Worst>> = Mutex::new(None);
+    let fit_one = |(at, path): (usize, &PathBuf)| -> Result<Fitted, BakeError> {
         progress.check()?;
         let input = picture_file(path)?;
         let picture = grey_of(&input, rain.layer.as_deref())?.picture;
         let input = input.fingerprint();
         let source = Source { file: path, picture: &picture, notes: None };
-        let chosen = match rain.psnr_db {
-            None => ChosenPattern { pattern: fit(&source, rain.fit)?, cheaper: None },
-            Some(asked) => choose_pattern(&source, methods, asked)?,
+        let Some(asked) = rain.psnr_db else {
+            let pattern = fit(&source, rain.fit)?;
+            progress.advance(1);
+            return Ok(Fitted { chosen: ChosenPattern { pattern, cheaper: None }, input });
         };
+        let chosen = choose_pattern(&source, methods, asked)?;
         progress.advance(1);
-        if rain.psnr_db.is_some() {
-            let psnr = chosen.pattern.psnr_db;
-            let mut worst = worst.lock().unwrap_or_else(PoisonError::into_inner);
-            let is_worse =
-                |(least, other, _): &(f64, usize, Grey)| psnr.total_cmp(least).then(at.cmp(other)).is_lt();
-            if worst.as_ref().is_none_or(is_worse) {
-                *worst = Some((psnr, at, picture));
-            }
+        let psnr_db = chosen.pattern.psnr_db;
+        let mut worst = worst.lock().unwrap_or_else(PoisonError::into_inner);
+        let worse = |other: &Worst| psnr_db.total_cmp(&other.psnr_db).then(at.cmp(&other.at)).is_lt();
+        if worst.as_ref().is_none_or(worse) {
+            *worst = Some(Worst { psnr_db, at, picture });
         }
-        Ok(FittedPicture { chosen, input })
+        Ok(Fitted { chosen, input })
     };
-    let pictures: Vec<Result<_, BakeError>> = rain.pictures.par_iter().enumerate().map(fit_one).collect();
-    let pictures = pictures.into_iter().collect::<Result<_, _>>()?;
-    let worst = worst.into_inner().unwrap_or_else(PoisonError::into_inner).map(|(_, at, grey)| (at, grey));
-    Ok(Fitted { pictures, worst })
+    let fitted: Vec<Result<_, BakeError>> = rain.pictures.par_iter().enumerate().map(fit_one).collect();
+    let fitted = fitted.into_iter().collect::<Result<_, _>>()?;
+    Ok((fitted, worst.into_inner().unwrap_or_else(PoisonError::into_inner)))
 }
 
 /// What the next number of cosines would make of the worst pattern.
-fn streaks_beyond(
-    worst: Option<(usize, Grey)>,
-    patterns: &[StreakPattern],
-) -> Result<Option<String>, BakeError> {
-    let Some((at, picture)) = worst else { return Ok(None) };
+fn streaks_beyond(worst: Option<Worst>, patterns: &[StreakPattern]) -> Result<Option<String>, BakeError> {
+    let Some(Worst { at, picture, .. }) = worst else { return Ok(None) };
     let pattern = &patterns[at];
     let more = COUNTS.into_iter().find(|&count| count > pattern.pattern.terms());
     let Some(cosines) = more else { return Ok(None) };
+    // Its name is the pattern's; nothing is read again.
     let source = Source { file: Path::new(&pattern.name), picture: &picture, notes: None };
     let better = fit(&source, FitSettings { cosines, method: pattern.method })?;
     Ok((better.psnr_db > pattern.psnr_db).then(|| pattern_words(&better)))

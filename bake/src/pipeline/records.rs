@@ -4,7 +4,7 @@ use crate::evaluate::{Outcome, Scores};
 use crate::plan::Plan;
 use crate::recipe::model::CloudBudget;
 use squall_formats::section::provenance::BudgetRecord;
-use squall_formats::section::response::{Codec, NO_ROW, ResponseHead, SourceBasis, SweepScheme};
+use squall_formats::section::response::{Codec, NO_ROW, ResponseHead, SweepScheme};
 
 /// All records of a response; `measured` is what the written bytes were found to give and take.
 pub(super) fn records(
@@ -59,10 +59,10 @@ fn error_records(
         Codec::Paper => "paper",
     };
     let codec = || format!("codec {name}, error {:.3e}", plan.settings.relative_error);
-    let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &head.sources;
-    let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
-    let [nx, ny, nz] = [x_m.len(), y_m.len(), z_m.len()];
-    let count = head.channels.count();
+    let ([nx, ny, nz], baked) = head.sources.light_grid().map_or(([0; 3], 0), |(grid, rows)| {
+        (grid.axes().map(<[f64]>::len), rows.iter().filter(|&&row| row != NO_ROW).count())
+    });
+    let count = head.basis.count();
     let grid = || format!("{baked} of {nx} × {ny} × {nz} virtual lights, {count} coefficients a cell");
     let relit = "relit L2 on held-out strokes, against the same rows uncompressed";
     let chose_codec = budget.relit_l2.is_some() && budget.stroke_l2.is_none();

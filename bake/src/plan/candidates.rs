@@ -66,7 +66,7 @@ pub(super) fn bases(site: &Site<'_>) -> Vec<DirectionalBasis> {
         || clouds.response.direct == DirectTerm::InRows
         || clouds.budget.stroke_l2.is_none() && !clouds.budget.costs();
     if fixed {
-        return vec![clouds.response.channels];
+        return vec![clouds.response.basis];
     }
     // Towards a view region only where it stands apart.
     let view_region = clouds.response.view_region.filter(|view_region| stand_apart(site.cloud, view_region));

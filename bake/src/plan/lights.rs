@@ -5,7 +5,7 @@ use crate::evaluate::cost;
 use crate::evaluate::held_out::{grown_strokes, shifted_strokes};
 use crate::recipe::model::{Clouds, Recipe};
 use crate::response::cache::ResponseCache;
-use crate::response::{LightGrid, LightSpacing, light_grid};
+use crate::response::{LightSpacing, WantedLights, light_grid};
 use glam::DVec3;
 use squall_runtime::relight::PointLight;
 use squall_runtime::stroke::Stroke;
@@ -75,7 +75,7 @@ impl<'a> Site<'a> {
     /// The light grid at a spacing, m; pruned to the recipe's strokes where the recipe says so.
     ///
     /// Errors: more virtual lights than days allow.
-    pub fn place_lights(&self, spacing_m: f64) -> Result<LightGrid, BakeError> {
+    pub fn place_lights(&self, spacing_m: f64) -> Result<WantedLights, BakeError> {
         let [low, high] = self.bounds;
         let nodes = ((high - low) / spacing_m).ceil() + DVec3::ONE;
         if nodes.x * nodes.y * nodes.z > MAX_LIGHTS {
@@ -101,11 +101,13 @@ impl<'a> Site<'a> {
 
     /// Strokes of the given numbers that try a response over `lights`, or score it: the recipe's own, moved, where lights were
     /// pruned to those; else grown at random in the bounds. A number always gives the same stroke, if it gives one.
-    pub fn strokes(&self, lights: &LightGrid, spacing_m: f64, numbers: Range<usize>) -> Vec<Vec<PointLight>> {
-        let bounds = [
-            DVec3::new(lights.x_m[0], lights.y_m[0], lights.z_m[0]),
-            DVec3::new(last(&lights.x_m), last(&lights.y_m), last(&lights.z_m)),
-        ];
+    pub fn strokes(
+        &self,
+        lights: &WantedLights,
+        spacing_m: f64,
+        numbers: Range<usize>,
+    ) -> Vec<Vec<PointLight>> {
+        let bounds = lights.grid.bounds().map(DVec3::from_array);
         let usable = |point: DVec3| lights.reaches(point);
         if self.clouds.lights.prune {
             return shifted_strokes(&self.strokes, usable, 0.5 * spacing_m, numbers);
@@ -124,7 +126,7 @@ impl<'a> Site<'a> {
     /// Errors: there is none.
     pub(super) fn tried_strokes(
         &self,
-        lights: &LightGrid,
+        lights: &WantedLights,
         spacing_m: f64,
     ) -> Result<Vec<Vec<PointLight>>, BakeError> {
         let found = self.strokes(lights, spacing_m, 0..TRIED_STROKES[1]);
@@ -147,7 +149,7 @@ impl<'a> Site<'a> {
         &self,
         spacing_m: f64,
         iteration: usize,
-    ) -> Result<(LightGrid, Vec<Vec<PointLight>>), BakeError> {
+    ) -> Result<(WantedLights, Vec<Vec<PointLight>>), BakeError> {
         let lights = self.place_lights(spacing_m)?;
         let count = self.clouds.held_out_strokes as usize;
         let chosen = self.clouds.budget.needs_held_out();
@@ -159,7 +161,3 @@ impl<'a> Site<'a> {
 
 /// Strokes that candidates are tried on: as many as memory has room for, between these.
 pub const TRIED_STROKES: [usize; 2] = [4, 32];
-
-fn last(axis: &[f64]) -> f64 {
-    axis.last().copied().unwrap_or(0.0)
-}

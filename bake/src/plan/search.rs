@@ -111,7 +111,7 @@ impl<'a> Search<'a> {
             self.full = true;
             return Ok(None);
         };
-        let widest = self.bases.last().copied().unwrap_or(self.settings.channels);
+        let widest = self.bases.last().copied().unwrap_or(self.settings.basis);
         let mut strokes = site.tried_strokes(&lights, spacing_m)?;
         let bytes = |strokes: &[Vec<PointLight>]| Candidate::bytes(&lights, strokes, widest, cloud);
         while strokes.len() > TRIED_STROKES[0] && bytes(&strokes) > MOST_BYTES {
@@ -121,7 +121,7 @@ impl<'a> Search<'a> {
             self.full = true;
             return Ok(None);
         }
-        let settings = ResponseSettings { channels: widest, ..self.settings };
+        let settings = ResponseSettings { basis: widest, ..self.settings };
         let known = std::mem::take(&mut self.known);
         let same = known.iter().map(|stroke| &stroke.lights).eq(strokes.iter());
         let known = same.then_some(known.as_slice());

@@ -1,7 +1,7 @@
 //! `[clouds]` of a recipe, as it is typed and checked.
 
-use super::file::Number;
 use super::model::{CloudBudget, Clouds, Given, Keys, Optics, ResponseSettings, VirtualLights};
+use super::number::Number;
 use super::place::Source;
 use crate::error::RecipeError;
 use serde::Deserialize;
@@ -150,6 +150,14 @@ pub fn parse_directions(name: &str) -> Option<Quadrature> {
     set.ordinates().ok().map(|_| set)
 }
 
+/// The direction set that a recipe names.
+fn directions(value: &Spanned<String>, source: &Source) -> Result<Quadrature, RecipeError> {
+    parse_directions(value.get_ref()).ok_or_else(|| {
+        let wanted = "\"14\", \"26\" or \"50\" (Lebedev), or polar nodes × azimuths, such as \"4x16\"";
+        source.error(value.span(), "clouds.transport.directions", wanted, format!("\"{}\"", value.get_ref()))
+    })
+}
+
 impl CloudsFile {
     /// `has_strokes`: whether the recipe has strokes that virtual lights can be pruned to.
     pub(super) fn check(self, has_strokes: bool, source: &Source) -> Result<Clouds, RecipeError> {
@@ -220,7 +228,7 @@ impl CloudsFile {
         keys: &Keys,
         source: &Source,
     ) -> Result<(), RecipeError> {
-        let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.channels, self.basis()) else {
+        let (DirectionalBasis::ViewRegion { .. }, Some(name)) = (settings.basis, self.basis()) else {
             return Ok(());
         };
         let refused = |wanted: String, found: &str| Err(source.error(name.span(), keys.basis, wanted, found));
@@ -257,7 +265,7 @@ impl CloudsFile {
     fn settings(&self, source: &Source) -> Result<ResponseSettings, RecipeError> {
         let (transport, response) = (&self.transport, &self.response);
         let quadrature = match &transport.directions {
-            Some(value) => source.directions(value)?,
+            Some(value) => directions(value, source)?,
             None => Quadrature::DoubleGauss { polar: 2, azimuths: 8 },
         };
         let solve = SolveSettings {
@@ -284,7 +292,7 @@ impl CloudsFile {
             ..SolveSettings::default()
         };
         Ok(ResponseSettings {
-            channels: self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis(),
+            basis: self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis(),
             direct: match response.direct.unwrap_or(DirectName::RunTime) {
                 DirectName::Rows => DirectTerm::InRows,
                 DirectName::RunTime => DirectTerm::AtRunTime,

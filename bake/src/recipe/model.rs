@@ -16,7 +16,7 @@ use std::path::PathBuf;
 pub struct Recipe {
     /// The recipe's own file.
     pub file: PathBuf,
-    /// Its text, hashed into the asset's provenance.
+    /// Its text as it was read, hashed into the asset's provenance.
     pub text: String,
     /// A cloud lit by lightning.
     pub clouds: Option<Clouds>,
@@ -103,7 +103,7 @@ pub struct Optics {
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseSettings {
     /// Directions, harmonics, or polynomials towards a view region.
-    pub channels: DirectionalBasis,
+    pub basis: DirectionalBasis,
     /// Direct light in the rows or left to the runtime.
     pub direct: DirectTerm,
     /// How coefficients are stored.
@@ -156,7 +156,7 @@ pub struct Given {
 pub struct Keys {
     /// `clouds.view_region` or `clouds.eyes`.
     pub view_region: &'static str,
-    /// `clouds.response.basis` or `clouds.response.channels`.
+    /// `clouds.response.basis` or `clouds.response.basis`.
     pub basis: &'static str,
 }
 

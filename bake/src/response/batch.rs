@@ -97,7 +97,7 @@ impl<'a> RowSolver<'a> {
             parent: CoarseIndex::new(fine.shape, [settings.refine; 3]),
             haar: Haar::new(cloud.shape),
             cloud,
-            view_region_map: match (settings.channels, &settings.view_region) {
+            view_region_map: match (settings.basis, &settings.view_region) {
                 (DirectionalBasis::ViewRegion { degree }, Some(view_region)) => {
                     Some(ViewRegionMap::new(cloud, view_region, degree, seen))
                 }
@@ -201,7 +201,7 @@ impl<'a> RowSolver<'a> {
     fn planes<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
         let coefficients = self.coefficients(lane, work);
         let cells = coefficients.len() / MAX_HARMONICS;
-        let basis = if self.view_region_map.is_some() { SOLVED } else { self.settings.channels };
+        let basis = if self.view_region_map.is_some() { SOLVED } else { self.settings.basis };
         let count = basis.count();
         let mut planes = vec![0.0f32; cells * count];
         let directions;

@@ -106,7 +106,7 @@ impl<'a> JobCache<'a> {
         let cache = job.cache.filter(|_| job.settings.solve.iteration == Iteration::Minres)?;
         let common = common_hash(job);
         let (seen, cells) = (seen.map(<[bool]>::to_vec), job.cloud.shape.len());
-        Some(Self { cache, common, channels: job.settings.channels, seen, cells })
+        Some(Self { cache, common, channels: job.settings.basis, seen, cells })
     }
 
     /// Name of a row.

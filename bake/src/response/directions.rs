@@ -3,8 +3,8 @@
 use squall_formats::section::response::DirectionalBasis;
 use squall_formats::sphere::{self, MAX_HARMONICS};
 
-/// Adds `factor` times direct light, given in the 26 directions, to channels; harmonics take its projection, which the set's
-/// degree of 7 makes exact as far as the harmonics reach. Channels towards eyes never hold any.
+/// Adds `factor` times direct light, given in the 26 directions, to planes of `basis`; harmonics take its projection, which the set's
+/// degree of 7 makes exact as far as the harmonics reach. A basis towards a view region never holds any.
 pub fn add_direct(basis: DirectionalBasis, towards: &[f32], factor: f32, planes: &mut [f32]) {
     let cells = towards.len() / 26;
     let (directions, weights) = (sphere::directions_26(), sphere::weights_26());

@@ -1,51 +1,31 @@
-//! Where virtual lamps stand: the nodes of a lightning grid. \[dobashi\] §5.
+//! Where virtual point lights stand: the nodes of a lightning grid. \[dobashi\] §5.
 
 use glam::DVec3;
+use squall_formats::light_grid::LightGrid;
 
-/// Nodes of the lamp grid.
+/// The light grid of a bake: where virtual lights stand, and which of them get a row.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightGrid {
-    /// Rising node coordinates, m.
-    pub x_m: Vec<f64>,
-    /// Rising node coordinates, m.
-    pub y_m: Vec<f64>,
-    /// Rising node coordinates, m.
-    pub z_m: Vec<f64>,
+pub struct WantedLights {
+    /// The nodes.
+    pub grid: LightGrid,
     /// Which nodes to bake, x fastest; all where empty.
     pub wanted: Vec<bool>,
 }
 
-impl LightGrid {
+impl WantedLights {
     /// Number of nodes.
     pub fn len(&self) -> usize {
-        self.x_m.len() * self.y_m.len() * self.z_m.len()
+        self.grid.len()
     }
 
     /// Whether there is no node.
     pub fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.grid.is_empty()
     }
 
-    /// The nodes that a lamp at `point` is split over; `None` outside the grid.
+    /// The nodes that a point light at `point` is split over; `None` outside the grid.
     pub fn around(&self, point: DVec3) -> Option<Vec<usize>> {
-        let side = |axis: &[f64], value: f64| -> Option<[usize; 2]> {
-            let (first, last) = (*axis.first()?, *axis.last()?);
-            if !(first..=last).contains(&value) {
-                return None;
-            }
-            let high = axis.partition_point(|&node| node < value);
-            Some(if axis[high] == value { [high, high] } else { [high - 1, high] })
-        };
-        let (x, y, z) = (side(&self.x_m, point.x)?, side(&self.y_m, point.y)?, side(&self.z_m, point.z)?);
-        let mut nodes = Vec::with_capacity(8);
-        for corner in 0..8 {
-            let node =
-                x[corner & 1] + self.x_m.len() * (y[corner >> 1 & 1] + self.y_m.len() * z[corner >> 2]);
-            if !nodes.contains(&node) {
-                nodes.push(node);
-            }
-        }
-        Some(nodes)
+        self.grid.nodes_around(point.to_array())
     }
 
     /// Whether node `index` is to be baked.
@@ -58,19 +38,18 @@ impl LightGrid {
         (0..self.len()).filter(|&index| self.is_wanted(index)).count()
     }
 
-    /// Whether a lamp at `point` is split over nodes that are all to be baked.
+    /// Whether a point light at `point` is split over nodes that are all to be baked.
     pub fn reaches(&self, point: DVec3) -> bool {
         self.around(point).is_some_and(|nodes| nodes.iter().all(|&node| self.is_wanted(node)))
     }
 
-    /// Position of node `index`.
+    /// Position of node `index`, m.
     pub fn position(&self, index: usize) -> DVec3 {
-        let (nx, ny) = (self.x_m.len(), self.y_m.len());
-        DVec3::new(self.x_m[index % nx], self.y_m[index / nx % ny], self.z_m[index / nx / ny])
+        DVec3::from_array(self.grid.position(index))
     }
 }
 
-/// Node coordinates of a lamp grid over a cloud. \[dobashi\] §5.
+/// Node coordinates of a light grid over a cloud. \[dobashi\] §5.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSpacing {
     /// Distance between nodes sideways and above the cloud's base, h_usr, m.
@@ -85,7 +64,7 @@ pub struct LightSpacing {
 /// intervals that eq. 4 allows, no shorter than `base_m` and no longer than `longest_m`, down to `low.z`.
 ///
 /// Eq. 4 as printed is singular at the base itself (r = 0) and unbounded far below; the first interval here is `base_m`.
-pub fn light_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LightSpacing) -> LightGrid {
+pub fn light_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LightSpacing) -> WantedLights {
     let even = |from: f64, to: f64| -> Vec<f64> {
         let count = ((to - from) / spacing.base_m - 1e-9).ceil().max(0.0) as usize;
         (0..=count).map(|i| from + (to - from) * i as f64 / count.max(1) as f64).collect()
@@ -106,7 +85,8 @@ pub fn light_grid(low: DVec3, high: DVec3, base_height: f64, spacing: LightSpaci
     below.reverse();
     let mut z_m = below;
     z_m.extend(even(base, high.z));
-    LightGrid { x_m: even(low.x, high.x), y_m: even(low.y, high.y), z_m, wanted: Vec::new() }
+    let grid = LightGrid { x_m: even(low.x, high.x), y_m: even(low.y, high.y), z_m };
+    WantedLights { grid, wanted: Vec::new() }
 }
 
 #[cfg(test)]
@@ -116,8 +96,9 @@ mod tests {
     const SPACING: LightSpacing = LightSpacing { base_m: 100.0, epsilon: 2e-6, longest_m: 1000.0 };
 
     #[test]
-    fn lamp_intervals_are_even_above_the_base_and_widen_below_it_within_eq_4() {
-        let grid = light_grid(DVec3::new(0.0, 0.0, -4000.0), DVec3::new(1000.0, 500.0, 400.0), 0.0, SPACING);
+    fn intervals_are_even_above_the_base_and_widen_below_it_within_eq_4() {
+        let grid =
+            light_grid(DVec3::new(0.0, 0.0, -4000.0), DVec3::new(1000.0, 500.0, 400.0), 0.0, SPACING).grid;
         assert_eq!(grid.x_m.len(), 11);
         assert_eq!(grid.y_m.len(), 6);
         assert_eq!((grid.z_m[0], *grid.z_m.last().unwrap()), (-4000.0, 400.0));
@@ -132,8 +113,8 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_box_above_the_base_or_of_no_height_still_has_nodes() {
-        let grid = light_grid(DVec3::new(0.0, 0.0, 100.0), DVec3::new(0.0, 0.0, 100.0), 0.0, SPACING);
+    fn a_box_above_the_base_or_of_no_height_still_has_nodes() {
+        let grid = light_grid(DVec3::new(0.0, 0.0, 100.0), DVec3::new(0.0, 0.0, 100.0), 0.0, SPACING).grid;
         assert_eq!((grid.x_m.len(), grid.y_m.len(), grid.z_m.len()), (1, 1, 1));
     }
 }

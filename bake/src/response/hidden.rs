@@ -1,5 +1,5 @@
-//! Cells whose light nobody reads: no density there nor beside, so no ray shades with it; or too deep for every eye that
-//! there is. They may hold anything, and hold what the transform has least to say of: the mean of the seen cells around, block by
+//! Cells whose light nobody reads: no density there nor beside, so no ray shades with it; or too deep for every viewpoint
+//! that there is. They may hold anything, and hold what the transform has least to say of: the mean of the seen cells around, block by
 //! block of the transform's own pairing.
 
 use super::visibility::visible;
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cloud_that_fills_its_grid_has_nothing_unseen() {
+    fn a_cloud_that_fills_its_grid_has_nothing_hidden() {
         let mut cloud = corner();
         cloud.extinction.fill(0.01);
         assert!(HiddenCells::new(&cloud, None).is_none());

@@ -1,7 +1,7 @@
 //! What a response is baked from, and what comes of it.
 
 use super::cache::ResponseCache;
-use super::grid::LightGrid;
+use super::grid::WantedLights;
 use crate::recipe::model::ResponseSettings;
 use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows};
 use squall_runtime::relight::PointLight;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sources {
     /// Virtual point lights.
-    pub lights: LightGrid,
+    pub lights: WantedLights,
     /// Distant light.
     pub distant: Vec<DistantKind>,
 }

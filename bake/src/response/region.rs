@@ -1,4 +1,4 @@
-//! Light towards eyes in a box: from harmonics to the polynomials that hold it there, and which cells those eyes see.
+//! Light towards viewpoints of a view region: from harmonics to the polynomials that hold it there.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,13 +7,13 @@ use squall_formats::view_region::{MAX_VIEW_FUNCTIONS, ViewRegion, view_functions
 use squall_runtime::relight::view_region_frame;
 use squall_runtime::transport::Cloud;
 
-/// Gauss and Legendre's three points on −1…1 with their weights: eyes along each edge of the box that polynomials are fitted to.
+/// Gauss and Legendre's three points on −1…1 with their weights: viewpoints along each edge of the box that polynomials are fitted to.
 const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.774_596_669_241_483_4, 5.0 / 18.0)];
 /// Added to the normal equations: a box that is thin across the line of sight has polynomials that the fit cannot tell.
 const RIDGE: f64 = 1e-7;
 
-/// What turns 16 harmonics a cell into polynomials towards eyes: the best fit over the box. Cells that are not seen have none.
+/// What turns 16 harmonics a cell into polynomials towards a view region: the best fit over its box. Cells that are not seen have none.
 pub struct ViewRegionMap {
     functions: usize,
     /// Cells that are seen, rising.
@@ -32,8 +32,8 @@ impl ViewRegionMap {
             let mut right = [[0.0; MAX_HARMONICS]; MAX_VIEW_FUNCTIONS];
             for at in 0..27 {
                 let [x, y, z] = [at % 3, at / 3 % 3, at / 9].map(|place| GAUSS[place]);
-                let eye = DVec3::from_array(view_region.point([x.0, y.0, z.0]));
-                let Some(towards) = (eye - middle).try_normalize() else { continue };
+                let viewpoint = DVec3::from_array(view_region.point([x.0, y.0, z.0]));
+                let Some(towards) = (viewpoint - middle).try_normalize() else { continue };
                 let towards = towards.to_array();
                 let (values, harmonics) =
                     (frame.functions(middle.to_array(), towards), sphere::harmonics(towards));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn polynomials_towards_eyes_say_what_harmonics_say_there_and_better_with_degree() {
+    fn polynomials_towards_a_view_region_say_what_harmonics_say_there_and_better_with_degree() {
         /// Of light with the degrees that g = 0.85 leaves, over a box that spans some 20°: measured 8.2, 0.64 and 0.035 %.
         const WORST: [f64; 3] = [0.12, 0.012, 0.001];
         let cloud = cloud(|_| 0.01);
@@ -142,7 +142,7 @@ mod tests {
             let mean = if degree == 0.0 { 3.0 } else { 0.0 };
             *value = (libm::pow(0.85, degree) * (random.normal() + mean)) as f32;
         }
-        let view_region: Vec<DVec3> = (0..40)
+        let viewpoints: Vec<DVec3> = (0..40)
             .map(|_| {
                 let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
                 DVec3::from_array(VIEWPOINTS.point(at))
@@ -155,8 +155,8 @@ mod tests {
             let (mut off, mut size) = (0.0, 0.0);
             for cell in 0..cells {
                 let middle = cloud.centre(cloud.shape.cell(cell));
-                for &eye in &view_region {
-                    let towards = (eye - middle).normalize().to_array();
+                for &viewpoint in &viewpoints {
+                    let towards = (viewpoint - middle).normalize().to_array();
                     let wanted: f64 = sphere::harmonics(towards)
                         .iter()
                         .enumerate()

@@ -61,14 +61,9 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
     }
     ResponseHead {
         shape: job.cloud.shape,
-        sources: SourceBasis::LightGrid {
-            x_m: grid.x_m.clone(),
-            y_m: grid.y_m.clone(),
-            z_m: grid.z_m.clone(),
-            rows: node_rows,
-        },
+        sources: SourceBasis::LightGrid { grid: grid.grid.clone(), rows: node_rows },
         distant: (rows..).zip(&sources.distant).map(|(row, &kind)| DistantSource { kind, row }).collect(),
-        channels: settings.channels,
+        basis: settings.basis,
         direct: settings.direct,
         codec: settings.codec,
         solver: SolverRecord {

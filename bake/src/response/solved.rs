@@ -76,7 +76,7 @@ impl SolvedRows {
         let towards = match (basis, &self.towards) {
             (DirectionalBasis::ViewRegion { degree }, Some(towards)) => Some((towards, degree)),
             (DirectionalBasis::ViewRegion { .. }, None) => {
-                assert_eq!(basis, self.head.channels, "rows were solved without a view region");
+                assert_eq!(basis, self.head.basis, "rows were solved without a view region");
                 None
             }
             _ => None,
@@ -105,7 +105,7 @@ impl SolvedRows {
             HeldOutStroke { uncompressed, ..stroke.clone() }
         };
         BakedResponse {
-            head: ResponseHead { channels: basis, codec, ..self.head.clone() },
+            head: ResponseHead { basis, codec, ..self.head.clone() },
             rows,
             held_out: self.held_out.iter().map(cut).collect(),
             kept,

@@ -10,7 +10,7 @@ use squall_runtime::transport::{Boundary, Cloud};
 /// polynomials of degree 2 are a match for harmonics of degree 3.
 const APART: f64 = 2.0;
 
-/// Whether eyes are far enough away for channels towards them, a single one too: a cell away at least.
+/// Whether a view region is far enough away for a basis towards it, a single viewpoint too: a cell away at least.
 pub fn stand_apart(cloud: &Cloud, view_region: &ViewRegion) -> bool {
     let centre = DVec3::from_array(view_region.centre());
     let nearest = centre.distance(centre.clamp(cloud.origin_m, cloud.far_corner()));
@@ -19,51 +19,51 @@ pub fn stand_apart(cloud: &Cloud, view_region: &ViewRegion) -> bool {
     cloud.boundary == Boundary::Open && nearest >= least
 }
 
-/// Optical depth behind which no eye sees: pictures give up at a share of 10⁻⁶ of the light.
+/// Optical depth behind which nothing is seen: pictures give up at a share of 10⁻⁶ of the light.
 pub const DEEPEST: f32 = 13.815_511;
-/// Most eyes along an edge of the box, faces included, from which cells are looked for.
+/// Most viewpoints along an edge of the box, faces included, from which cells are looked for.
 const MOST_LOOKOUTS: usize = 9;
-/// Most rounds of taking in the cells beside those found.
-const MOST_ROUNDS: usize = 8;
+/// Most dilations: each takes in the cells beside those found.
+const MOST_DILATIONS: usize = 8;
 
-/// Cells that an eye of the box can see: through an optical depth of less than [`DEEPEST`], traced to their middles from a lattice of
-/// eyes, and the cells beside those, in so many rounds that what shows through a gap to an eye between two of the lattice is among
+/// Cells that a viewpoint of the region can see: through an optical depth of less than [`DEEPEST`], traced to their middles from a lattice of
+/// viewpoints, and the cells beside those, dilated so often that what shows through a gap to a viewpoint between two of the lattice is among
 /// them, wherever the gap and what shows through it stand; and once more, as light is read between cells.
 ///
 /// Extinction is the grid's, constant within a cell. Pictures cut billows into its edges, or read it between middles, and look deeper
 /// there than the grid lets through: they end at a share of 2 · 10⁻³ (an optical depth of 6.2), which leaves 7.6 for that. A slit in the
-/// shadow of whole cells may show to some eye a sliver of a cell whose middle no lattice eye sees, beyond those rounds; it is filled
+/// shadow of whole cells may show to some viewpoint a sliver of a cell whose middle is hidden from the lattice, beyond those dilations; it is filled
 /// from the cells around it.
 ///
-/// `None` where that cannot be said: eyes that do not stand apart, or so near before so deep a cloud that it would take too many
-/// rounds.
+/// `None` where that cannot be said: a view region that does not stand apart, or so near before so deep a cloud that it would take
+/// too many dilations.
 pub fn visible(cloud: &Cloud, view_region: &ViewRegion) -> Option<Vec<bool>> {
     if !stand_apart(cloud, view_region) {
         return None;
     }
-    let (lookouts, rounds) = lookouts(cloud, view_region)?;
+    let (lookouts, dilations) = lookouts(cloud, view_region)?;
     let tracer = Tracer::new(cloud, 1.0);
     let half_diagonal = 0.5 * DVec3::from_array(cloud.cell_m).length() as f32;
     let sees = |cell: usize| {
         let extinction = cloud.extinction[cell];
         let middle = cloud.centre(cloud.shape.cell(cell));
         extinction > 0.0
-            && lookouts
-                .iter()
-                .any(|&eye| tracer.optical_depth(eye, middle) - extinction * half_diagonal < DEEPEST)
+            && lookouts.iter().any(|&viewpoint| {
+                tracer.optical_depth(viewpoint, middle) - extinction * half_diagonal < DEEPEST
+            })
     };
     let mut seen: Vec<bool> = (0..cloud.shape.len()).into_par_iter().map(sees).collect();
-    for _ in 0..rounds {
+    for _ in 0..dilations {
         seen = cloud.beside(&seen);
     }
     Some(seen)
 }
 
-/// The lattice of eyes, and the rounds that go with it; `None` where those would be too many.
+/// The lattice of viewpoints, and the dilations that go with it; `None` where those would be too many.
 fn lookouts(cloud: &Cloud, view_region: &ViewRegion) -> Option<(Vec<DVec3>, usize)> {
     let (low, high) = (DVec3::from_array(view_region.low_m), DVec3::from_array(view_region.high_m));
     let half_diagonal = 0.5 * DVec3::from_array(cloud.cell_m).length();
-    // How near and how far from any eye of the box there is cloud.
+    // How near and how far from any viewpoint of the box there is cloud.
     let (mut nearest, mut farthest) = (f64::INFINITY, 0.0f64);
     for cell in (0..cloud.shape.len()).filter(|&cell| cloud.extinction[cell] > 0.0) {
         let middle = cloud.centre(cloud.shape.cell(cell));
@@ -74,22 +74,22 @@ fn lookouts(cloud: &Cloud, view_region: &ViewRegion) -> Option<(Vec<DVec3>, usiz
     if nearest <= 0.0 {
         return None;
     }
-    // Through a fixed gap at the cloud's near end, an eye that moves by δ sees its far end move by this times δ.
+    // Through a fixed gap at the cloud's near end, a viewpoint that moves by δ sees its far end move by this times δ.
     let share = ((farthest - nearest) / nearest).max(0.0);
     let finest = cloud.cell_m.iter().fold(f64::INFINITY, |least, &edge| least.min(edge));
     let (mut counts, mut moved) = ([1; 3], 0.0f64);
     for (axis, count) in counts.iter_mut().enumerate() {
         let edge = 2.0 * view_region.half()[axis];
         if edge > 0.0 {
-            // An eye between two is half their distance from the nearer.
+            // A viewpoint between two is half their distance from the nearer.
             let gaps = (edge * share / (2.0 * finest)).ceil().clamp(1.0, (MOST_LOOKOUTS - 1) as f64);
             *count = 1 + gaps as usize;
             let half_gap = edge / gaps / 2.0;
             moved += half_gap * half_gap;
         }
     }
-    let rounds = (libm::sqrt(moved) * share / finest).ceil().max(1.0) + 1.0;
-    if rounds > MOST_ROUNDS as f64 {
+    let dilations = (libm::sqrt(moved) * share / finest).ceil().max(1.0) + 1.0;
+    if dilations > MOST_DILATIONS as f64 {
         return None;
     }
     let place = |at: usize, count: usize| 2.0 * at as f64 / (count.max(2) - 1) as f64 - 1.0;
@@ -102,7 +102,7 @@ fn lookouts(cloud: &Cloud, view_region: &ViewRegion) -> Option<(Vec<DVec3>, usiz
             }
         }
     }
-    Some((found, rounds as usize))
+    Some((found, dilations as usize))
 }
 
 #[cfg(test)]
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thick_wall_hides_what_lies_deeper_than_an_eye_can_see() {
+    fn a_thick_wall_hides_what_lies_deeper_than_can_be_seen() {
         // Seen from y far below: cells of 60 m with an optical depth of 6 each, 2.3 cells deep.
         let cloud = cloud(|_| 0.1);
         let view_region = ViewRegion { low_m: [50.0, -9000.0, 420.0], high_m: [50.0, -9000.0, 420.0] };
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_seen_through_a_gap_is_seen_wherever_the_eyes_of_the_box_see_it() {
+    fn a_wall_seen_through_a_gap_is_seen_wherever_viewpoints_of_the_box_see_it() {
         // A front a cell thick with one cell missing, nothing behind it for sixteen cells, and a wall.
         let cloud = cloud(|[x, y, z]| match y {
             0 if [x, z] != [6, 4] => 1.0,
@@ -155,15 +155,15 @@ mod tests {
         let mut met = std::collections::BTreeSet::new();
         for _ in 0..4000 {
             let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
-            let eye = DVec3::from_array(view_region.point(at));
+            let viewpoint = DVec3::from_array(view_region.point(at));
             let aim = gap + DVec3::new(random.range(-25.0, 25.0), 0.0, random.range(-20.0, 20.0));
             let wall = cloud.origin_m.y + 19.1 * cloud.cell_m[1];
-            let point = eye + (aim - eye) * ((wall - eye.y) / (aim.y - eye.y));
+            let point = viewpoint + (aim - viewpoint) * ((wall - viewpoint.y) / (aim.y - viewpoint.y));
             let place = (point - cloud.origin_m) / DVec3::from_array(cloud.cell_m);
             let inside = place.cmpge(DVec3::ZERO).all() && place.x < 12.0 && place.z < 9.0;
-            if inside && tracer.optical_depth(eye, point) < DEEPEST {
+            if inside && tracer.optical_depth(viewpoint, point) < DEEPEST {
                 let cell = cloud.shape.index(place.x as usize, place.y as usize, place.z as usize);
-                assert!(seen[cell], "cell {cell} from {eye}");
+                assert!(seen[cell], "cell {cell} from {viewpoint}");
                 met.insert(cell);
             }
         }
@@ -171,8 +171,8 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_far_behind_a_gap_before_near_eyes_is_found_whole_or_nothing_is_hidden() {
-        // Eyes 200 m before a front a cell thick with one cell missing, a wall far behind it.
+    fn a_wall_far_behind_a_gap_before_near_viewpoints_is_found_whole_or_nothing_is_hidden() {
+        // Viewpoints 200 m before a front a cell thick with one cell missing, a wall far behind it.
         for (far, hides) in [(9u32, true), (89, true), (200, false)] {
             let shape = GridShape::new(61, far + 1, 9);
             let extinction = (0..shape.len()).map(|cell| match shape.cell(cell) {
@@ -197,14 +197,20 @@ mod tests {
             let tracer = Tracer::new(&cloud, 1.0);
             let mut met = 0;
             for at in 0..61 * 9 * 41 {
-                let (x, z, eye) = (at % 61, at / 61 % 9, at / (61 * 9));
-                let eye =
-                    DVec3::from_array(view_region.point([f64::from(eye as u32) / 20.0 - 1.0, 0.0, 0.3]));
+                let (x, z, viewpoint) = (at % 61, at / 61 % 9, at / (61 * 9));
+                let viewpoint = DVec3::from_array(view_region.point([
+                    f64::from(viewpoint as u32) / 20.0 - 1.0,
+                    0.0,
+                    0.3,
+                ]));
                 // The near side of the cell.
                 let point = cloud.centre([x, far as usize, z]) - DVec3::Y * 49.0;
-                if tracer.optical_depth(eye, point) < DEEPEST {
+                if tracer.optical_depth(viewpoint, point) < DEEPEST {
                     met += 1;
-                    assert!(seen[shape.index(x, far as usize, z)], "cell {x}, {z} of wall {far} from {eye}");
+                    assert!(
+                        seen[shape.index(x, far as usize, z)],
+                        "cell {x}, {z} of wall {far} from {viewpoint}"
+                    );
                 }
             }
             assert!(met > 100, "{met} sights of wall {far}");
@@ -212,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_hidden_from_eyes_that_are_near_or_under_a_cloud_without_end() {
+    fn nothing_is_hidden_from_viewpoints_that_are_near_or_under_a_cloud_without_end() {
         let dense = cloud(|_| 0.1);
         let around = ViewRegion { low_m: [-5000.0, -5000.0, 0.0], high_m: [5000.0, 5000.0, 5000.0] };
         assert!(visible(&dense, &around).is_none());
@@ -225,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_an_unseen_eye_looks_into_is_among_the_visible_cells() {
+    fn whatever_a_held_out_viewpoint_looks_into_is_among_the_visible_cells() {
         let mut random = Random::new(11);
         let lumps: Vec<f64> = (0..12 * 20 * 9).map(|_| random.normal()).collect();
         let cloud = cloud(|[x, y, z]| {
@@ -238,14 +244,14 @@ mod tests {
         let mut met = 0;
         for _ in 0..20_000 {
             let at = [random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)];
-            let eye = DVec3::from_array(VIEWPOINTS.point(at));
+            let viewpoint = DVec3::from_array(VIEWPOINTS.point(at));
             let size = cloud.far_corner() - cloud.origin_m;
             let share = DVec3::new(random.unit(), random.unit(), random.unit());
             let point = cloud.origin_m + size * share;
             let place = (point - cloud.origin_m) / DVec3::from_array(cloud.cell_m);
             let cell = cloud.shape.index(place.x as usize, place.y as usize, place.z as usize);
-            if cloud.extinction[cell] > 0.0 && tracer.optical_depth(eye, point) < DEEPEST {
-                assert!(seen[cell], "cell {cell} from {eye}");
+            if cloud.extinction[cell] > 0.0 && tracer.optical_depth(viewpoint, point) < DEEPEST {
+                assert!(seen[cell], "cell {cell} from {viewpoint}");
                 met += 1;
             }
         }

@@ -2,8 +2,8 @@
 
 use crate::container::OutSection;
 use crate::error::{Limits, ReadError};
-use crate::meta;
-use crate::section::{Tag, check_version};
+use crate::meta::{self, check_version};
+use crate::tag::Tag;
 use serde::{Deserialize, Serialize};
 
 /// What a stroke is grown from. The same numbers grow the same stroke everywhere.
@@ -63,7 +63,7 @@ impl BoltSection {
         for stroke in &strokes {
             stroke.check().map_err(|(field, wanted, found)| ReadError::Invalid {
                 section: Self::TAG,
-                offset: 0,
+                offset: None,
                 field,
                 wanted,
                 found,

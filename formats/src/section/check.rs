@@ -4,7 +4,7 @@ use super::bolt::BoltSection;
 use super::cloud::CloudSection;
 use super::density::DensitySection;
 use super::provenance::ProvenanceSection;
-use super::response::{ResponseSection, channels, check_stream};
+use super::response::{ResponseSection, check_stream, coefficient_planes};
 use super::streak::StreakSection;
 use super::town::TownSection;
 use super::view::ViewSection;
@@ -42,8 +42,8 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
             let response = ResponseSection::read(bytes, version, limits)?;
             let cells = response.head.shape.len();
             for row in 0..response.row_count() {
-                for channel in channels(response.row(row)?, response.head.channels.count())? {
-                    check_stream(&channel, response.head.codec, cells)?;
+                for plane in coefficient_planes(response.row(row)?, response.head.basis.count())? {
+                    check_stream(&plane, response.head.codec, cells)?;
                 }
             }
             checked = Checked { bulk_bytes: response.rows.len() as u64, rows: response.row_count() };

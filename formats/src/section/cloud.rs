@@ -3,8 +3,8 @@
 use crate::container::OutSection;
 use crate::error::{Limits, ReadError};
 use crate::grid::GridShape;
-use crate::meta;
-use crate::section::{Tag, check_version, split_head};
+use crate::meta::{self, check_version, join_head, split_head};
+use crate::tag::Tag;
 use serde::{Deserialize, Serialize};
 
 /// What the grid is and how its cells scatter.
@@ -46,7 +46,7 @@ impl<'a> CloudSection<'a> {
         let head: CloudHead = meta::decode(Self::TAG, head, limits)?;
         let invalid = |field, wanted, found: String| ReadError::Invalid {
             section: Self::TAG,
-            offset: 8,
+            offset: None,
             field,
             wanted,
             found,
@@ -81,11 +81,12 @@ impl<'a> CloudSection<'a> {
 
     /// Checks every value: one pass over the grid, for those who are about to use it all.
     pub fn check_values(&self) -> Result<(), ReadError> {
+        let head = join_head(&meta::encode(&self.head)).len() as u64;
         match self.extinction.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
             None => Ok(()),
             Some(at) => Err(ReadError::Invalid {
                 section: Self::TAG,
-                offset: at as u64 * 4,
+                offset: Some(head + at as u64 * 4),
                 field: "extinction",
                 wanted: "finite and not negative",
                 found: self.extinction[at].to_string(),
@@ -95,7 +96,7 @@ impl<'a> CloudSection<'a> {
 
     /// The section's bytes.
     pub fn write(&self) -> OutSection {
-        let head = super::join_head(&meta::encode(&self.head));
+        let head = join_head(&meta::encode(&self.head));
         OutSection {
             tag: Self::TAG,
             version: Self::VERSION,

@@ -13,7 +13,7 @@
 
 use crate::drops::{self, View};
 use crate::error::{Limits, ReadError};
-use crate::section::Tag;
+use crate::tag::Tag;
 use crate::units::{Degrees, Metres, MetresPerSecond, Millimetres, MillimetresPerHour, Seconds};
 use crate::{container::OutSection, meta};
 use serde::{Deserialize, Serialize};
@@ -220,7 +220,7 @@ impl DensitySection {
 
     /// Reads the section; every number is checked, so that a table that reads can be used blindly.
     pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
-        crate::section::check_version(Self::TAG, version, Self::VERSION)?;
+        meta::check_version(Self::TAG, version, Self::VERSION)?;
         let section: Self = meta::decode(Self::TAG, bytes, limits)?;
         section.check()?;
         Ok(section)
@@ -352,7 +352,7 @@ impl Table {
 
 fn invalid<T>(field: &'static str, wanted: &'static str, found: impl ToString) -> Result<T, ReadError> {
     let section = DensitySection::TAG;
-    Err(ReadError::Invalid { section, offset: 0, field, wanted, found: found.to_string() })
+    Err(ReadError::Invalid { section, offset: None, field, wanted, found: found.to_string() })
 }
 
 #[cfg(test)]

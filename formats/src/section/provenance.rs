@@ -2,8 +2,8 @@
 
 use crate::container::OutSection;
 use crate::error::{Limits, ReadError};
-use crate::meta;
-use crate::section::{Tag, check_version};
+use crate::meta::{self, check_version};
+use crate::tag::Tag;
 use serde::{Deserialize, Serialize};
 
 /// An input file as it was when the asset was baked.
@@ -56,9 +56,18 @@ impl ProvenanceSection {
     pub const VERSION: u16 = 1;
 
     /// Reads a record.
+    ///
+    /// Errors: another version, bytes that are no record of this one, more inputs or budgets than `limits.items`.
     pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
         check_version(Self::TAG, version, Self::VERSION)?;
-        meta::decode(Self::TAG, bytes, limits)
+        let section: Self = meta::decode(Self::TAG, bytes, limits)?;
+        for (field, count) in [("inputs", section.inputs.len()), ("budgets", section.budgets.len())] {
+            if count as u64 > limits.items {
+                let (wanted, allowed) = (count as u64, limits.items);
+                return Err(ReadError::OverLimit { section: Self::TAG, field, wanted, allowed });
+            }
+        }
+        Ok(section)
     }
 
     /// The section's bytes.

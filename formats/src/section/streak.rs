@@ -4,26 +4,27 @@
 //! left corner. What a pattern's numbers mean stands here beside how they are stored, because the fit and
 //! the runtime must agree on both: [`Pattern::value`] is the definition, everything else approximates it.
 //!
-//! Stored numbers are small integers with a step each. `write` rounds to the nearest step, so a pattern that
-//! was read (or [`StreakPattern::quantised`]) writes back to the same bytes.
+//! Stored numbers are small integers with a step each. `write` rounds to the nearest step, so that what was read
+//! (or [`StreakPattern::quantised`]) is written without loss; of two ways to store one pattern, a cosine and its
+//! mirror image for instance, it takes the same one each time, so that what it wrote it writes again.
 
 mod cosine;
+mod kind;
 mod packing;
 mod separable;
 mod window;
 
-pub use cosine::{Cosine, CosinePattern};
+pub use cosine::{Cosine, CosinePattern, MAX_TERMS};
 pub use separable::SeparablePattern;
 pub use window::{EdgeWindow, PowerWindow, Window};
 
 use crate::error::{Limits, ReadError};
-use crate::meta;
-use crate::section::{Tag, check_version};
-use packing::{Cursor, nearest};
+use crate::meta::{self, check_version};
+use crate::tag::Tag;
+use kind::Kind;
+use packing::{Cursor, TAG, invalid, nearest};
 use serde::{Deserialize, Serialize};
 
-/// Most cosine terms of one pattern; more would take more bytes than the picture it came from.
-pub const MAX_TERMS: usize = 1024;
 /// Longest side of a source picture, pixels.
 pub const MAX_SIDE: usize = 65_535;
 /// Longest name, bytes.
@@ -120,38 +121,6 @@ pub struct DropNotes {
     pub exposure_ms: f64,
 }
 
-/// Which numbers a pattern stores, and so how the pool is read; independent of how they were found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-enum Kind {
-    FlatCosines = 0,
-    GaussianCosines = 1,
-    PowerCosines = 2,
-    EdgeCosines = 3,
-    Separable = 4,
-}
-
-impl Kind {
-    const ALL: [Self; 5] =
-        [Self::FlatCosines, Self::GaussianCosines, Self::PowerCosines, Self::EdgeCosines, Self::Separable];
-
-    fn of(pattern: &Pattern) -> Self {
-        match pattern {
-            Pattern::Separable(_) => Self::Separable,
-            Pattern::Cosines(pattern) => match pattern.window {
-                Window::Flat => Self::FlatCosines,
-                Window::Power(window) if window.exponent == [2.0; 2] => Self::GaussianCosines,
-                Window::Power(_) => Self::PowerCosines,
-                Window::Edges(_) => Self::EdgeCosines,
-            },
-        }
-    }
-
-    fn from_code(code: u8) -> Option<Self> {
-        Self::ALL.into_iter().find(|&kind| kind as u8 == code)
-    }
-}
-
 /// The light of a streak over its picture; brightest source pixel 1.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Pattern {
@@ -168,6 +137,18 @@ impl Pattern {
         match self {
             Self::Cosines(pattern) => pattern.value(u, v),
             Self::Separable(pattern) => pattern.value(u, v),
+        }
+    }
+
+    fn kind(&self) -> Kind {
+        match self {
+            Self::Separable(_) => Kind::Separable,
+            Self::Cosines(pattern) => match pattern.window {
+                Window::Flat => Kind::FlatCosines,
+                Window::Power(window) if window.exponent == [2.0; 2] => Kind::GaussianCosines,
+                Window::Power(_) => Kind::PowerCosines,
+                Window::Edges(_) => Kind::EdgeCosines,
+            },
         }
     }
 
@@ -250,19 +231,15 @@ const PSNR_STEPS: f64 = 100.0;
 const SSIM_STEPS: f64 = 32_767.0;
 const NOTE_STEPS: f64 = 1000.0;
 
-pub(crate) fn invalid(field: &'static str, wanted: &'static str, found: impl ToString) -> ReadError {
-    ReadError::Invalid { section: StreakSection::TAG, offset: 0, field, wanted, found: found.to_string() }
-}
-
 impl StreakSection {
     /// The section's tag.
-    pub const TAG: Tag = Tag(*b"STRK");
+    pub const TAG: Tag = TAG;
     /// Newest version that this build writes and reads.
     pub const VERSION: u16 = 1;
 
     /// Reads a section.
     ///
-    /// Errors: bytes missing or left over, more patterns or terms than `limits` and [`MAX_TERMS`] allow, a
+    /// Errors: bytes missing or left over, more patterns or terms, of one or in sum, than `limits` and [`MAX_TERMS`] allow, a
     /// method that this build does not know, any number outside its range.
     pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
         check_version(Self::TAG, version, Self::VERSION)?;
@@ -273,6 +250,15 @@ impl StreakSection {
                 field: "patterns",
                 wanted: records.len() as u64,
                 allowed: limits.patterns,
+            });
+        }
+        let terms: u64 = records.iter().map(|record| u64::from(record.terms)).sum();
+        if terms > limits.pattern_terms {
+            return Err(ReadError::OverLimit {
+                section: Self::TAG,
+                field: "cosines and products of all patterns",
+                wanted: terms,
+                allowed: limits.pattern_terms,
             });
         }
         let mut pool = Cursor::new(&pool);
@@ -361,7 +347,7 @@ fn write_pattern(streak: &StreakPattern, pool: &mut Vec<u8>) -> Record {
     let ((left, right), (top, bottom)) = (span(streak.body.u), span(streak.body.v));
     let note = |value: f64| nearest(value * NOTE_STEPS, 0, 65_535) as u16;
     Record {
-        kind_and_method: (Kind::of(&streak.pattern) as u8) << 4 | streak.method as u8,
+        kind_and_method: (streak.pattern.kind() as u8) << 4 | streak.method as u8,
         terms: streak.pattern.terms().min(MAX_TERMS) as u16,
         size_px: streak.size_px.map(|side| side.max(1)),
         body: [left, top, right, bottom],

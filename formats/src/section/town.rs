@@ -5,8 +5,8 @@
 
 use crate::container::OutSection;
 use crate::error::{Limits, ReadError};
-use crate::meta;
-use crate::section::{Tag, check_version};
+use crate::meta::{self, check_version};
+use crate::tag::Tag;
 use serde::{Deserialize, Serialize};
 
 /// The ground and what stands on it.
@@ -150,7 +150,7 @@ impl Check {
         }
         Err(ReadError::Invalid {
             section: TownSection::TAG,
-            offset: 0,
+            offset: None,
             field,
             wanted,
             found: value.to_string(),
@@ -261,7 +261,7 @@ impl HeightMap {
         Check::place("height map origin", &self.origin)?;
         Check::size("height map cell", &self.cell)?;
         let invalid = |field, wanted, found| {
-            Err(ReadError::Invalid { section: TownSection::TAG, offset: 0, field, wanted, found })
+            Err(ReadError::Invalid { section: TownSection::TAG, offset: None, field, wanted, found })
         };
         let [nx, ny] = self.counts;
         if nx < 2 || ny < 2 {

@@ -6,8 +6,8 @@
 
 use crate::container::OutSection;
 use crate::error::{Limits, ReadError};
-use crate::meta;
-use crate::section::{Tag, check_version};
+use crate::meta::{self, check_version};
+use crate::tag::Tag;
 use serde::{Deserialize, Serialize};
 
 /// A picture of the asset's storm, in numbers.
@@ -226,16 +226,23 @@ impl ViewSection {
     }
 
     /// Reads and checks every number.
+    ///
+    /// Errors: another version, bytes that are no record of this one, more flashes than `limits.items`, a number out of
+    /// its range.
     pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
         check_version(Self::TAG, version, Self::VERSION)?;
         let view: Self = meta::decode(Self::TAG, bytes, limits)?;
         let refused = |(field, wanted, found)| ReadError::Invalid {
             section: Self::TAG,
-            offset: 0,
+            offset: None,
             field,
             wanted,
             found,
         };
+        if view.flashes.len() as u64 > limits.items {
+            let (wanted, allowed) = (view.flashes.len() as u64, limits.items);
+            return Err(ReadError::OverLimit { section: Self::TAG, field: "flashes", wanted, allowed });
+        }
         view.check().map_err(refused)?;
         Ok(view)
     }

@@ -9,7 +9,7 @@ use crate::medium::{Illumination, Medium, Outlook};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
 use crate::rain::{
-    Ceiling, Environment, Light, Rain, RainVolume, Region, Scene, Shot, SmoothWindow, Weather,
+    Ceiling, Rain, RainLight, RainVolume, Region, Scene, Shot, SmoothWindow, Surroundings, Weather,
 };
 use crate::shade::sky::Sky;
 use crate::shade::streak::StreakSet;
@@ -34,7 +34,7 @@ pub struct Task<'a> {
     pub lamps: &'a [StreetLamp],
     pub has_depth: bool,
     /// The picture's own radiances, before its channels were drawn: a drop's surroundings.
-    pub surroundings: Environment,
+    pub surroundings: Surroundings,
 }
 
 /// Street lamps farther from the eye than this light no drop that is drawn, m.
@@ -42,11 +42,11 @@ const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
 struct DropLight {
-    scene: Environment,
+    scene: Surroundings,
     lamps: Vec<(DVec3, [f32; 3])>,
 }
 
-impl Light for DropLight {
+impl RainLight for DropLight {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.scene.radiance(ray, distance);
         let drop = ray.origin + ray.direction * distance;

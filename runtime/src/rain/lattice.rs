@@ -9,7 +9,7 @@ use std::ops::Range;
 /// The part of a frustum between two planar depths, its sides moved outward by a margin: a convex body
 /// with eight corners and six planes n·p ≤ d.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Piece {
+pub(crate) struct FrustumPiece {
     corners: [DVec3; 8],
     planes: [(DVec3, f64); 6],
 }
@@ -29,7 +29,7 @@ pub(crate) struct Viewpoint {
     pub tangent: DVec2,
 }
 
-impl Piece {
+impl FrustumPiece {
     /// The frustum of `eye` between depths `near` and `far`, its four sides `margin` further out.
     pub fn new(eye: &Viewpoint, near: f64, far: f64, margin: f64) -> Self {
         let Viewpoint { position, right, up, forward, tangent } = *eye;
@@ -150,7 +150,7 @@ mod tests {
             let eye = eye(&mut random);
             let (near, far) = (random.range(0.0, 2.0), random.range(2.0, 12.0));
             let margin = random.range(0.0, 0.5);
-            let piece = Piece::new(&eye, near, far, margin);
+            let piece = FrustumPiece::new(&eye, near, far, margin);
             let mut visited = std::collections::HashSet::new();
             for layer in piece.layers() {
                 for row in piece.rows(layer) {
@@ -176,7 +176,7 @@ mod tests {
         let (mut visited, mut volume) = (0.0, 0.0);
         for _ in 0..100 {
             let eye = Viewpoint { tangent: DVec2::new(1.0, 0.6), ..eye(&mut random) };
-            let piece = Piece::new(&eye, 2.0, 20.0, 0.0);
+            let piece = FrustumPiece::new(&eye, 2.0, 20.0, 0.0);
             for layer in piece.layers() {
                 for row in piece.rows(layer) {
                     visited += (piece.cells(layer, row).end - piece.cells(layer, row).start) as f64;

@@ -7,12 +7,12 @@ use glam::DVec3;
 use squall_formats::drops::Optics;
 
 /// Answers what radiance a drop shows. Closures of the same shape are lights too.
-pub trait Light: Sync {
-    /// Radiance of a drop at `distance` metres along the camera's ray, W/(m² sr) per channel.
+pub trait RainLight: Sync {
+    /// Radiance of a drop at `distance` metres along the camera's ray, W/(m² sr) per colour.
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3];
 }
 
-impl<F: Fn(&Ray, f64) -> [f32; 3] + Sync> Light for F {
+impl<F: Fn(&Ray, f64) -> [f32; 3] + Sync> RainLight for F {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         self(ray, distance)
     }
@@ -25,7 +25,7 @@ impl<F: Fn(&Ray, f64) -> [f32; 3] + Sync> Light for F {
 /// shows after blurring: a level view mixes the scene behind the drop with sky and ground, a view up or down
 /// sees nothing but sky or ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Environment {
+pub struct Surroundings {
     /// Radiance from above the horizon, W/(m² sr).
     pub above: [f32; 3],
     /// Radiance from below it, W/(m² sr).
@@ -38,7 +38,7 @@ pub struct Environment {
     pub flash_direction: DVec3,
 }
 
-impl Environment {
+impl Surroundings {
     /// Share of a level streak that shows what stands around the horizon; the rest is half sky, half ground.
     const HORIZON_SHARE: f64 = 0.4;
 
@@ -49,9 +49,9 @@ impl Environment {
             let pixels = &picture.pixels[rows.start * picture.width..rows.end * picture.width];
             let mut sum = [0.0f64; 3];
             for pixel in pixels {
-                for channel in 0..3 {
+                for colour in 0..3 {
                     // Holes and infinities of somebody's frame must not spread over all the rain.
-                    sum[channel] += if pixel[channel].is_finite() { f64::from(pixel[channel]) } else { 0.0 };
+                    sum[colour] += if pixel[colour].is_finite() { f64::from(pixel[colour]) } else { 0.0 };
                 }
             }
             sum.map(|value| (value / pixels.len().max(1) as f64) as f32)
@@ -66,7 +66,7 @@ impl Environment {
     }
 }
 
-impl Light for Environment {
+impl RainLight for Surroundings {
     fn radiance(&self, ray: &Ray, _distance: f64) -> [f32; 3] {
         let rise = ray.direction.z.clamp(-1.0, 1.0);
         let horizon = Self::HORIZON_SHARE * (1.0 - rise * rise);
@@ -91,26 +91,26 @@ impl Light for Environment {
 mod tests {
     use super::*;
 
-    fn look(environment: &Environment, direction: DVec3) -> f32 {
+    fn drop_radiance(environment: &Surroundings, direction: DVec3) -> f32 {
         environment.radiance(&Ray { origin: DVec3::ZERO, direction }, 1.0)[0]
     }
 
     #[test]
     fn in_an_even_scene_drops_are_invisible() {
-        let even = Environment { above: [2.0; 3], below: [2.0; 3], behind: [2.0; 3], ..Default::default() };
+        let even = Surroundings { above: [2.0; 3], below: [2.0; 3], behind: [2.0; 3], ..Default::default() };
         for direction in [DVec3::X, DVec3::Z, -DVec3::Z, DVec3::new(0.6, 0.0, 0.8)] {
-            assert!((look(&even, direction) - 2.0).abs() < 1e-6);
+            assert!((drop_radiance(&even, direction) - 2.0).abs() < 1e-6);
         }
     }
 
     #[test]
     fn looking_up_shows_sky_alone_and_a_flash_is_brightest_against_the_light() {
-        let scene = Environment { above: [3.0; 3], below: [1.0; 3], behind: [0.5; 3], ..Default::default() };
-        assert_eq!(look(&scene, DVec3::Z), 3.0);
-        assert_eq!(look(&scene, -DVec3::Z), 1.0);
+        let scene = Surroundings { above: [3.0; 3], below: [1.0; 3], behind: [0.5; 3], ..Default::default() };
+        assert_eq!(drop_radiance(&scene, DVec3::Z), 3.0);
+        assert_eq!(drop_radiance(&scene, -DVec3::Z), 1.0);
         let flash =
-            Environment { flash_irradiance: [1.0; 3], flash_direction: DVec3::X, ..Default::default() };
-        assert!(look(&flash, -DVec3::X) > 10.0 * look(&flash, DVec3::X));
+            Surroundings { flash_irradiance: [1.0; 3], flash_direction: DVec3::X, ..Default::default() };
+        assert!(drop_radiance(&flash, -DVec3::X) > 10.0 * drop_radiance(&flash, DVec3::X));
     }
 
     #[test]
@@ -119,7 +119,7 @@ mod tests {
         picture.pixels[..4].fill([4.0; 3]);
         picture.pixels[8..].fill([1.0; 3]);
         picture.pixels[11] = [f32::NAN; 3];
-        let guess = Environment::from_picture(&picture);
+        let guess = Surroundings::from_picture(&picture);
         assert_eq!((guess.above[0], guess.below[0]), (4.0, 0.75));
     }
 }

@@ -80,12 +80,12 @@ impl Kernel for StreakSet {
 
 impl StreakSet {
     /// The streak that stands for a footprint; `None` where there is no light to draw it with.
-    fn of_footprint(&self, footprint: &Footprint) -> Option<streak::Kernel> {
+    fn of_footprint(&self, footprint: &Footprint) -> Option<streak::StreakPlacement> {
         let pattern = footprint.pattern.checked_rem(self.len() as u32)?;
         let mean = self.mean(pattern);
         let (length, width) = (footprint.length + footprint.width, footprint.width);
         let weight = (1.0 / (length * width * f64::from(mean))) as f32;
-        (mean > 0.0 && weight.is_finite()).then(|| streak::Kernel {
+        (mean > 0.0 && weight.is_finite()).then(|| streak::StreakPlacement {
             middle: footprint.centre.map(|place| place as f32),
             direction: footprint.axis.map(|part| part as f32),
             length: length as f32,

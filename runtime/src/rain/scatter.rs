@@ -2,7 +2,7 @@
 //! and sees its streaks in the order of the list.
 
 use super::kernel::{Clip, Footprint, Kernel, Span};
-use super::{Light, Shot, Streak, Workspace};
+use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
@@ -47,7 +47,7 @@ pub(super) struct Canvas {
 /// One band's accumulators, for a tile at a time.
 #[derive(Debug)]
 struct Band {
-    /// Four planes: light of the streaks, three channels, and the share of background that they leave.
+    /// Four planes: light of the streaks, three colours, and the share of background that they leave.
     layers: Vec<f32>,
     /// The kernel's working memory: whatever type the last kernel had.
     scratch: Box<dyn Any + Send>,
@@ -97,7 +97,7 @@ impl Workspace {
     ///
     /// Errors: a picture or depth buffer of another size than the camera's, a gain that is negative or not
     /// finite.
-    pub fn draw<K: Kernel, L: Light>(
+    pub fn draw<K: Kernel, L: RainLight>(
         &mut self,
         shot: &Shot,
         scene: &Scene<K, L>,
@@ -134,7 +134,7 @@ impl Workspace {
             let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
             let mut brush = Brush { layers, scratch, secants: &secants, scene };
             for column in 0..grid[0] {
-                let tile = Tile {
+                let tile = TilePlace {
                     x: column * TILE[0],
                     y: index * TILE[1],
                     width: TILE[0].min(size[0] - column * TILE[0]),
@@ -155,14 +155,14 @@ impl Workspace {
 type Job<'a> = (usize, ((&'a mut Band, &'a mut [[f32; 3]]), &'a mut [f32]));
 
 #[derive(Clone, Copy)]
-struct Tile {
+struct TilePlace {
     x: usize,
     y: usize,
     width: usize,
     height: usize,
 }
 
-impl Tile {
+impl TilePlace {
     fn clip(self) -> Clip {
         // Pictures have at most 2²⁸ pixels.
         let [left, top] = [self.x as i32, self.y as i32];
@@ -193,7 +193,7 @@ impl Canvas {
     }
 
     /// Each streak's light and tiles.
-    fn prepare<K: Kernel, L: Light>(
+    fn prepare<K: Kernel, L: RainLight>(
         &mut self,
         camera: &Camera,
         scene: &Scene<K, L>,
@@ -251,7 +251,7 @@ struct Brush<'a, K: Kernel, L> {
 }
 
 impl<K: Kernel, L> Brush<'_, K, L> {
-    fn paint_tile(&mut self, list: &TileList, mine: &[u32], tile: Tile) {
+    fn paint_tile(&mut self, list: &TileList, mine: &[u32], tile: TilePlace) {
         let Self { layers, scratch, secants, scene } = self;
         let (light, kept) = layers.split_at_mut(3 * PLANE);
         light.fill(0.0);
@@ -288,7 +288,7 @@ impl<K: Kernel, L> Brush<'_, K, L> {
     }
 
     /// Puts the finished tile over the picture and into the mask.
-    fn apply(&self, tile: Tile, width: usize, pixels: &mut [[f32; 3]], mask: &mut [f32]) {
+    fn apply(&self, tile: TilePlace, width: usize, pixels: &mut [[f32; 3]], mask: &mut [f32]) {
         for row in 0..tile.height {
             let from = row * width + tile.x;
             for column in 0..tile.width {
@@ -298,8 +298,8 @@ impl<K: Kernel, L> Brush<'_, K, L> {
                 // Where nothing was drawn the pixel stays as it is, infinite or not.
                 if kept < 1.0 {
                     let pixel = &mut pixels[from + column];
-                    for channel in 0..3 {
-                        pixel[channel] = pixel[channel] * kept + self.layers[channel * PLANE + at];
+                    for colour in 0..3 {
+                        pixel[colour] = pixel[colour] * kept + self.layers[colour * PLANE + at];
                     }
                 }
             }

@@ -1,6 +1,6 @@
 //! One class of drops in one frame: its lattice's cells, and the drops that a cell's hash yields.
 
-use super::lattice::{Piece, Viewpoint};
+use super::lattice::{FrustumPiece, Viewpoint};
 use super::streak::{Drop, Lens};
 use super::{Shelter, Shot, Streak, Weather};
 use crate::camera::Camera;
@@ -22,7 +22,7 @@ pub(super) struct Search {
     base: [i64; 3],
     place: DVec3,
     edge: f64,
-    piece: Piece,
+    piece: FrustumPiece,
     /// Smallest diameter and width of the class, mm.
     from: f64,
     width: f64,
@@ -38,7 +38,7 @@ pub(super) struct Search {
 }
 
 /// What all classes share in one frame.
-pub(super) struct Frame<'a> {
+pub(super) struct ShotFrame<'a> {
     pub camera: &'a Camera,
     pub lens: Lens,
     pub exposure: f64,
@@ -112,7 +112,7 @@ impl Search {
             base: [cell.x as i64, cell.y as i64, cell.z as i64],
             place,
             edge,
-            piece: Piece::new(&eye, depths[0] / edge, depths[1] / edge, margin / edge),
+            piece: FrustumPiece::new(&eye, depths[0] / edge, depths[1] / edge, margin / edge),
             from: from.0,
             width,
             depths,
@@ -150,7 +150,7 @@ impl Search {
     }
 
     /// All streaks of one layer of cells, appended to `found`.
-    pub fn scan_layer(&self, frame: &Frame, layer: i64, found: &mut Vec<Streak>) {
+    pub fn scan_layer(&self, frame: &ShotFrame, layer: i64, found: &mut Vec<Streak>) {
         let layer_key = mix(self.key ^ mix((self.base[2].wrapping_add(layer)) as u64));
         for row in self.piece.rows(layer) {
             let row_key = mix(layer_key ^ (self.base[1].wrapping_add(row)) as u64);
@@ -164,7 +164,7 @@ impl Search {
 
     /// The drops of one cell. `corner` is the cell's own, relative to the camera, in cells.
     #[inline]
-    fn scan_cell(&self, frame: &Frame, key: u64, corner: DVec3, found: &mut Vec<Streak>) {
+    fn scan_cell(&self, frame: &ShotFrame, key: u64, corner: DVec3, found: &mut Vec<Streak>) {
         const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
         const HALF_BITS: f64 = 1.0 / (1u64 << 32) as f64;
         let mut state = key;
@@ -188,8 +188,15 @@ impl Search {
 
     /// One drop: in the frustum's piece, in the rain at this rate, under no roof?
     #[inline]
-    fn evaluate(&self, frame: &Frame, id: u64, arrival: f64, diameter: f64, corner: DVec3) -> Option<Streak> {
-        let Frame { camera, lens, .. } = frame;
+    fn evaluate(
+        &self,
+        frame: &ShotFrame,
+        id: u64,
+        arrival: f64,
+        diameter: f64,
+        corner: DVec3,
+    ) -> Option<Streak> {
+        let ShotFrame { camera, lens, .. } = frame;
         const THIRD_BITS: f64 = 1.0 / (1u64 << 21) as f64;
         let part = |shift: u32| ((id >> shift & 0x1F_FFFF) as f64 + 0.5) * THIRD_BITS;
         let offset = (corner + DVec3::new(part(0), part(21), part(42))) * self.edge;

@@ -39,14 +39,14 @@ pub struct RainVolume {
 
 /// A factor along one piece of a ray: c0 + c1 s + c2 r(s), r the distance from the region's axis.
 #[derive(Clone, Copy)]
-struct Piece {
+struct RayPiece {
     constant: f64,
     linear: f64,
     radial: f64,
 }
 
-const NOTHING: Piece = Piece { constant: 0.0, linear: 0.0, radial: 0.0 };
-const FULL: Piece = Piece { constant: 1.0, linear: 0.0, radial: 0.0 };
+const NOTHING: RayPiece = RayPiece { constant: 0.0, linear: 0.0, radial: 0.0 };
+const FULL: RayPiece = RayPiece { constant: 1.0, linear: 0.0, radial: 0.0 };
 
 /// r(s)² = a s² + 2 b s + c along a ray, or its shape after completing the square.
 #[derive(Clone, Copy)]
@@ -151,7 +151,7 @@ impl RainVolume {
                 NOTHING
             } else {
                 let constant = 1.0 + (height.0 - ray.origin.z) / softness.0;
-                Piece { constant, linear: -ray.direction.z / softness.0, radial: 0.0 }
+                RayPiece { constant, linear: -ray.direction.z / softness.0, radial: 0.0 }
             }
         });
         let inside = self.region.map_or(FULL, |Region { radius: full, softness, .. }| {
@@ -161,7 +161,7 @@ impl RainVolume {
             } else if r >= full.0 + softness.0 {
                 NOTHING
             } else {
-                Piece { constant: 1.0 + full.0 / softness.0, linear: 0.0, radial: -1.0 / softness.0 }
+                RayPiece { constant: 1.0 + full.0 / softness.0, linear: 0.0, radial: -1.0 / softness.0 }
             }
         });
         let share =

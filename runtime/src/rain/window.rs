@@ -30,7 +30,7 @@ impl SmoothWindow {
 
 /// A [`SmoothWindow`]'s footprint with its divisions done.
 #[derive(Clone, Copy, Debug)]
-struct Window {
+struct FootprintWindow {
     half_length: f64,
     /// Half width of the ends' window, px, and its inverse.
     end: f64,
@@ -48,7 +48,7 @@ impl Kernel for SmoothWindow {
 
     fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
         let [ux, uy] = footprint.axis.map(f64::abs);
-        let [along, across] = Window::new(footprint).reach();
+        let [along, across] = FootprintWindow::new(footprint).radii();
         let half = [along * ux + across * uy, along * uy + across * ux];
         // Casts saturate; a pixel more on each side covers their rounding toward zero.
         let edge = |axis: usize, side: f64| (footprint.centre[axis] + side * (half[axis] + 1.0)) as i32;
@@ -57,10 +57,10 @@ impl Kernel for SmoothWindow {
 
     #[inline(always)]
     fn draw(&self, footprint: &Footprint, clip: Clip, _: &mut (), put: &mut impl FnMut(Span)) {
-        let window = Window::new(footprint);
+        let window = FootprintWindow::new(footprint);
         let [ux, uy] = footprint.axis;
         let (left, top) = (f64::from(clip.left) + 0.5, f64::from(clip.top) + 0.5);
-        let mut intervals = Intervals::new(footprint, window.reach(), clip);
+        let mut intervals = Intervals::new(footprint, window.radii(), clip);
         let mut shares = [0.0; LONGEST];
         for row in intervals.first_row..intervals.end_row {
             let (mut first, end) = intervals.next_row();
@@ -93,7 +93,7 @@ const LANES: usize = 4;
 /// Longest span, a multiple of [`LANES`].
 const LONGEST: usize = 64;
 
-impl Window {
+impl FootprintWindow {
     fn new(footprint: &Footprint) -> Self {
         let a = (SmoothWindow::PARABOLA * footprint.width).max(SmoothWindow::LEAST);
         // Variances add: end²/9 for the window, a²/5 for the drop, 1/6 for the tent.
@@ -111,7 +111,7 @@ impl Window {
     }
 
     /// Half extents along and across the streak, px.
-    fn reach(&self) -> [f64; 2] {
+    fn radii(&self) -> [f64; 2] {
         [self.half_length + self.end, f64::from(self.parabola[0]) + 1.0]
     }
 
@@ -195,12 +195,12 @@ impl Intervals {
         let row = |y: f64| (y + 0.5).clamp(0.0, f64::from(height)) as i32;
         let (first_row, end_row) = (row(y - half_height), row(y + half_height));
         let dy = f64::from(first_row) + 0.5 - y;
-        // |n dx + m dy| ≤ reach
-        let strip = |n: f64, m: f64, reach: f64| {
+        // |n dx + m dy| ≤ radius
+        let strip = |n: f64, m: f64, radius: f64| {
             let per_n = 1.0 / n;
             // Along the rows a strip bounds nothing that the rows do not.
             let (slope, half) =
-                if n.abs() > 1e-6 { (-m * per_n, reach * per_n.abs()) } else { (0.0, Self::FARTHEST) };
+                if n.abs() > 1e-6 { (-m * per_n, radius * per_n.abs()) } else { (0.0, Self::FARTHEST) };
             let middle = x + slope * dy;
             let far = |value: f64| value.clamp(-2.0 * Self::FARTHEST, 2.0 * Self::FARTHEST);
             [far(middle - half + 0.5), far(middle + half + 0.5), slope]

@@ -9,7 +9,7 @@ use squall_formats::units::Radians;
 
 /// Which directions the picture holds, and how finely.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Window {
+pub struct EnvironmentWindow {
     /// Middle, from +x towards +y.
     pub heading: Radians,
     /// Half the width in azimuth, in (0, π].
@@ -22,14 +22,14 @@ pub struct Window {
 
 /// The picture. Directions outside its window read its nearest edge.
 pub struct Environment {
-    window: Window,
+    window: EnvironmentWindow,
     pixels: Vec<[f32; 3]>,
 }
 
 impl Environment {
     /// Fills the picture with `radiance` of unit directions, row by row.
-    pub fn new(window: Window, radiance: &(dyn Fn(Vec3) -> [f32; 3] + Sync)) -> Self {
-        let window = Window { size: window.size.map(|count| count.max(2)), ..window };
+    pub fn new(window: EnvironmentWindow, radiance: &(dyn Fn(Vec3) -> [f32; 3] + Sync)) -> Self {
+        let window = EnvironmentWindow { size: window.size.map(|count| count.max(2)), ..window };
         let [columns, rows] = window.size;
         let mut pixels = vec![[0.0; 3]; columns * rows];
         let row = |(y, row): (usize, &mut [[f32; 3]])| {
@@ -73,8 +73,12 @@ mod tests {
     fn a_smooth_sky_reads_back_and_outside_reads_the_edge() {
         /// Bilinear interpolation of a linear function of z on 64 rows, second order in the step.
         const INTERPOLATION: f32 = 1e-3;
-        let window =
-            Window { heading: Radians(3.0), half_width: Radians(1.0), top: Radians(0.8), size: [64, 64] };
+        let window = EnvironmentWindow {
+            heading: Radians(3.0),
+            half_width: Radians(1.0),
+            top: Radians(0.8),
+            size: [64, 64],
+        };
         let environment = Environment::new(window, &|d| [d.z, d.x, 1.0]);
         for (azimuth, elevation) in [(2.2f32, 0.1f32), (3.0, 0.5), (-2.6, 0.7)] {
             let (sa, ca) = libm::sincosf(azimuth);

@@ -4,7 +4,7 @@
 //! afterglow, the teal band, the blue zenith (ozone) and the Earth's shadow with the Belt of Venus opposite the
 //! sun come out of it. An overcast share and thin high cloud are laid over it. No stars.
 //!
-//! Radiance is in W/(m² sr) per channel. The channels red, green and blue are three broad bands of the
+//! Radiance is in W/(m² sr) per colour. The colours red, green and blue are three broad bands of the
 //! spectrum; a picture takes them as its primaries.
 
 pub mod atmosphere;
@@ -38,12 +38,12 @@ pub struct SkyParameters {
     pub haze: f64,
     /// Share of the sky under grey cloud, in [0, 1].
     pub overcast: f64,
-    /// Thin streaky cloud at 9.5 km, 0 none to 1 dense veil.
+    /// Thin streaky cloud at 9.5 km, 0 none to 1 a dense sheet.
     pub high_cloud: f64,
-    /// Irradiance of the sun outside the air on a surface facing it, W/m² per channel. About 180 each is the
+    /// Irradiance of the sun outside the air on a surface facing it, W/m² per colour. About 180 each is the
     /// real sun's in three bands of 100 nm; other values scale everything with them.
     pub sun_irradiance: [f64; 3],
-    /// Factor per channel on everything the sky sends: a white balance.
+    /// Factor per colour on everything the sky sends: a white balance.
     pub tint: [f64; 3],
     /// Share of light that the ground at large reflects, in [0, 1].
     pub ground_albedo: f64,
@@ -84,7 +84,7 @@ pub struct CloudLight {
 /// Clear air between an eye and something: what it keeps of that thing's light, and what it adds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AirView {
-    /// Share that arrives, in [0, 1] per channel.
+    /// Share that arrives, in [0, 1] per colour.
     pub transmittance: [f32; 3],
     /// Radiance that the air adds, W/(m² sr).
     pub added: [f32; 3],
@@ -183,7 +183,7 @@ impl Sky {
         }
         let mut sky = self.covered(direction);
         if self.high_cloud > 0.0 {
-            sky = self.veiled(direction, sky);
+            sky = self.with_high_cloud(direction, sky);
         }
         std::array::from_fn(|band| self.ground[band] + above * (sky[band] - self.ground[band]))
     }
@@ -214,7 +214,7 @@ impl Sky {
     }
 
     /// Thin ice cloud in front of `behind`: streaks drawn out along one wind, lit by the low sun and the sky.
-    fn veiled(&self, direction: Vec3, behind: [f32; 3]) -> [f32; 3] {
+    fn with_high_cloud(&self, direction: Vec3, behind: [f32; 3]) -> [f32; 3] {
         if direction.z < 0.02 {
             return behind;
         }

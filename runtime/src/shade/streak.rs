@@ -21,9 +21,10 @@ mod thin;
 use draw::{Lines, Wave, draw, draw_thin};
 use edge::EdgeTable;
 use frame::{EdgeFrame, ProductFrame};
-use prepare::{Cosines, Frame, Light, Prepared};
-use profile::{Profile, Row};
-use squall_formats::section::streak::StreakSection;
+use prepare::{Cosines, PatternFrame, PatternLight, Prepared};
+use profile::{Profile, ProfileRow};
+use squall_formats::section::streak::{StreakPattern, StreakSection};
+use std::sync::OnceLock;
 
 /// Bodies narrower or shorter than this are drawn in thin form.
 const THIN_WIDTH_PX: f32 = 4.0;
@@ -38,15 +39,18 @@ const DOT_LENGTH_PX: f64 = 3.0;
 const LONGEST_PX: f64 = 1e5;
 
 /// Patterns ready to be drawn.
+///
+/// A stored pattern is some hundred bytes and what drawing needs of it half a megabyte: it is prepared when it is first
+/// drawn, so that a set costs next to nothing to open.
 #[derive(Clone, Debug)]
 pub struct StreakSet {
-    patterns: Vec<Prepared>,
+    patterns: Vec<(StreakPattern, OnceLock<Prepared>)>,
     edges: EdgeTable,
 }
 
 /// One streak in the frame. Pixel (0, 0) has its centre at (½, ½), y points down.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kernel {
+pub struct StreakPlacement {
     /// Middle of the streak's body, pixels.
     pub middle: [f32; 2],
     /// Direction of the fall, any length but zero.
@@ -76,14 +80,14 @@ pub struct Tile<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     waves: Vec<Wave>,
-    rows: Vec<[Row; 2]>,
+    rows: Vec<[ProfileRow; 2]>,
 }
 
 impl Scratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
-        let rows: usize = self.rows.iter().flatten().map(Row::bytes).sum();
-        self.waves.capacity() * size_of::<Wave>() + self.rows.capacity() * size_of::<[Row; 2]>() + rows
+        let rows: usize = self.rows.iter().flatten().map(ProfileRow::bytes).sum();
+        self.waves.capacity() * size_of::<Wave>() + self.rows.capacity() * size_of::<[ProfileRow; 2]>() + rows
     }
 }
 
@@ -100,9 +104,15 @@ struct Pose {
 }
 
 impl StreakSet {
-    /// Prepares the patterns of a section: a few thousand numbers each, done once.
+    /// The patterns of a section; each is prepared when it is first drawn.
     pub fn new(section: &StreakSection) -> Self {
-        Self { patterns: section.patterns.iter().map(Prepared::new).collect(), edges: EdgeTable::new() }
+        let patterns = section.patterns.iter().map(|pattern| (pattern.clone(), OnceLock::new())).collect();
+        Self { patterns, edges: EdgeTable::new() }
+    }
+
+    fn prepared(&self, pattern: u32) -> Option<&Prepared> {
+        let (stored, prepared) = self.patterns.get(pattern as usize)?;
+        Some(prepared.get_or_init(|| Prepared::new(stored)))
     }
 
     /// Number of patterns.
@@ -117,13 +127,13 @@ impl StreakSet {
 
     /// Mean light of a pattern over its body; 0 for a pattern that does not exist.
     pub fn mean(&self, pattern: u32) -> f32 {
-        self.patterns.get(pattern as usize).map_or(0.0, |pattern| pattern.mean)
+        self.patterns.get(pattern as usize).map_or(0.0, |(stored, _)| stored.mean as f32)
     }
 
     /// Pixels that a kernel may touch: [left, top, right, bottom), or `None` for one that draws nothing: an
     /// unknown pattern, a number that is not finite, no length, no width or no direction.
-    pub fn bounds(&self, kernel: &Kernel) -> Option<[i32; 4]> {
-        let prepared = self.patterns.get(kernel.pattern as usize)?;
+    pub fn bounds(&self, kernel: &StreakPlacement) -> Option<[i32; 4]> {
+        let prepared = self.prepared(kernel.pattern)?;
         let pose = Pose::new(kernel, prepared)?;
         let range = prepared.range();
         let mut low = [f64::INFINITY; 2];
@@ -153,7 +163,7 @@ impl StreakSet {
     ///
     /// Adding tile by tile gives the same values as adding to the whole frame, to single precision. Draws
     /// nothing where [`StreakSet::bounds`] says so.
-    pub fn add(&self, kernel: &Kernel, tile: &mut Tile, scratch: &mut Scratch) {
+    pub fn add(&self, kernel: &StreakPlacement, tile: &mut Tile, scratch: &mut Scratch) {
         let Some(bounds) = self.bounds(kernel) else { return };
         if tile.width == 0 {
             return;
@@ -166,7 +176,7 @@ impl StreakSet {
         if clip.iter().any(|[low, high]| low >= high) {
             return;
         }
-        let prepared = &self.patterns[kernel.pattern as usize];
+        let Some(prepared) = self.prepared(kernel.pattern) else { return };
         let Some(pose) = Pose::new(kernel, prepared) else { return };
         let across = prepared.range()[0].map(|u| u * pose.scale[0]);
         let lines = Lines::new(&pose, across, clip);
@@ -180,14 +190,14 @@ impl StreakSet {
         let Scratch { waves, rows } = scratch;
         let cosines = prepared.cosines();
         match &prepared.light {
-            Light::Cosines(Cosines { frame: Frame::Edges(window), .. }) => {
+            PatternLight::Cosines(Cosines { frame: PatternFrame::Edges(window), .. }) => {
                 draw(&lines, &pose, cosines, &EdgeFrame::new(&self.edges, window, &pose), tile, waves);
             }
-            Light::Cosines(Cosines { frame: Frame::Profiles(profiles), .. }) => {
+            PatternLight::Cosines(Cosines { frame: PatternFrame::Profiles(profiles), .. }) => {
                 let rows = pose.fill_rows(std::slice::from_ref(profiles), rows);
                 draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
             }
-            Light::Products(products) => {
+            PatternLight::Products(products) => {
                 let rows = pose.fill_rows(products, rows);
                 draw(&lines, &pose, cosines, &ProductFrame { rows }, tile, waves);
             }
@@ -196,7 +206,7 @@ impl StreakSet {
 }
 
 impl Pose {
-    fn new(kernel: &Kernel, prepared: &Prepared) -> Option<Self> {
+    fn new(kernel: &StreakPlacement, prepared: &Prepared) -> Option<Self> {
         let [x, y] = kernel.direction.map(f64::from);
         let norm = libm::sqrt(x * x + y * y);
         let (length, width) = (f64::from(kernel.length), f64::from(kernel.width));
@@ -220,7 +230,11 @@ impl Pose {
     }
 
     /// Profiles across and along, seen through this kernel's pixels. Rows of earlier kernels keep their memory.
-    fn fill_rows<'r>(&self, profiles: &[[Profile; 2]], rows: &'r mut Vec<[Row; 2]>) -> &'r [[Row; 2]] {
+    fn fill_rows<'r>(
+        &self,
+        profiles: &[[Profile; 2]],
+        rows: &'r mut Vec<[ProfileRow; 2]>,
+    ) -> &'r [[ProfileRow; 2]] {
         rows.resize_with(profiles.len().max(rows.len()), Default::default);
         let directions = [self.across, self.along].map(|axis| axis.map(f64::abs));
         for (row, profile) in rows.iter_mut().zip(profiles) {

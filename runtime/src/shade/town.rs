@@ -45,7 +45,7 @@ pub struct Hit {
 /// What a spot is made of and what it sends by itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Share of light reflected all around, per channel, in [0, 1].
+    /// Share of light reflected all around, per colour, in [0, 1].
     pub albedo: [f32; 3],
     /// Radiance that it sends by itself (lit windows), W/(m² sr).
     pub emission: [f32; 3],
@@ -136,7 +136,7 @@ impl Town {
     pub fn surface(&self, hit: &Hit, footprint: f32) -> Surface {
         match hit.thing {
             Thing::Ground => {
-                let soil = self.material.look(hit.point.truncate(), footprint);
+                let soil = self.material.sample(hit.point.truncate(), footprint);
                 Surface {
                     albedo: soil.albedo,
                     emission: [0.0; 3],
@@ -146,7 +146,7 @@ impl Town {
                 }
             }
             Thing::Hill => {
-                let soil = self.material.look(hit.point.truncate(), footprint);
+                let soil = self.material.sample(hit.point.truncate(), footprint);
                 Surface { albedo: soil.albedo, emission: [0.0; 3], glass: 0.0, wet: 0.0, slope: 1.0 }
             }
             Thing::Block(number, wall, on_wall) => {
@@ -154,7 +154,7 @@ impl Town {
                 let seen = match (&block.windows, wall) {
                     (Some(windows), Some(wall)) => {
                         let length = 2.0 * block.half[1 - wall as usize % 2];
-                        Wall::look(windows, wall, on_wall, Vec2::new(length, block.height), footprint)
+                        Wall::sample(windows, wall, on_wall, Vec2::new(length, block.height), footprint)
                     }
                     _ => Wall::default(),
                 };

@@ -128,7 +128,7 @@ mod tests {
         let spread = glow.spread(&picture);
         for (band, wanted) in [1000.0, 10.0, 1.0].into_iter().enumerate() {
             let sum: f32 = spread.pixels.iter().map(|pixel| pixel[band]).sum();
-            assert!((sum / wanted - 1.0).abs() < ROUND_OFF, "channel {band}: {sum}");
+            assert!((sum / wanted - 1.0).abs() < ROUND_OFF, "colour {band}: {sum}");
         }
         assert!(spread.pixels[64 * 256 + 131][0] < 1000.0 && spread.pixels[64 * 256 + 100][0] > 0.0);
     }

@@ -15,6 +15,35 @@ pub enum Boundary {
 }
 
 /// A grid of extinction, piecewise constant per cell, and empty space around it.
+///
+/// ```
+/// use glam::DVec3;
+/// use squall_formats::GridShape;
+/// use squall_transport::{Boundary, Cloud};
+///
+/// // A ball of cloud, 100 m across, in cells of 10 m.
+/// let shape = GridShape::new(12, 12, 12);
+/// let mut cloud = Cloud {
+///     shape,
+///     cell_m: [10.0; 3],
+///     origin_m: DVec3::splat(-60.0),
+///     extinction: vec![0.0; shape.len()],
+///     albedo: 0.999,
+///     g: 0.85,
+///     boundary: Boundary::Open,
+/// };
+/// for index in 0..shape.len() {
+///     if cloud.centre(shape.cell(index)).length() < 50.0 {
+///         cloud.extinction[index] = 0.02;
+///     }
+/// }
+/// let cloud = cloud.checked()?;
+/// assert_eq!(cloud.far_corner(), DVec3::splat(60.0));
+/// // Whatever no solver can work with is refused, and the message names it.
+/// let wrong = Cloud { albedo: 1.5, ..cloud }.checked().unwrap_err();
+/// assert_eq!(wrong.to_string(), "cloud albedo: wanted 0 to 1, found 1.5");
+/// # Ok::<(), squall_transport::ArgumentError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Cloud {
     /// Number of cells.

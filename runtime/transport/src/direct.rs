@@ -16,7 +16,7 @@ pub use field::DirectField;
 use glam::DVec3;
 pub use rays::fibonacci;
 
-/// Optical depth after scaling beyond which a ray is given up: e^−30 is below single precision's reach of any sum.
+/// Optical depth after scaling beyond which a ray is given up: e^−30 is lost in any sum in single precision.
 const DARK: f32 = 30.0;
 /// Path through a periodic grid, in grid widths, beyond which a ray is given up.
 const MAX_WIDTHS: f64 = 4096.0;
@@ -42,6 +42,35 @@ pub trait Tally {
 }
 
 /// A cloud prepared for tracing: scaled and unscaled extinction along the same path.
+///
+/// ```
+/// use glam::DVec3;
+/// use squall_formats::GridShape;
+/// use squall_transport::direct::{DirectField, PowerRay, Tracer};
+/// use squall_transport::{Boundary, Cloud};
+///
+/// // 50 m of cloud along x, 0.02 a metre: an optical depth of 1.
+/// let cloud = Cloud {
+///     shape: GridShape::new(5, 1, 1),
+///     cell_m: [10.0; 3],
+///     origin_m: DVec3::ZERO,
+///     extinction: vec![0.02; 5],
+///     albedo: 1.0,
+///     g: 0.0,
+///     boundary: Boundary::Open,
+/// };
+/// let tracer = Tracer::new(&cloud, 1.0);
+/// let mut field = DirectField::<4>::new(&cloud, &[]);
+/// let ray = PowerRay { origin: DVec3::new(-7.0, 5.0, 5.0), direction: DVec3::X, power: 3.0 };
+/// let (left, _) = tracer.trace(ray, &mut field);
+/// // Beer and Lambert; and what does not leave is taken out in the cells.
+/// assert!((left - 3.0 * libm::exp(-1.0)).abs() < 1e-6);
+/// let taken: f32 = field.fluence.iter().map(|fluence| 0.02 * fluence).sum();
+/// assert!((f64::from(taken) - (3.0 - left)).abs() < 1e-6);
+/// // In the second cell, of light that was never scattered: the integral of e^-τ over its 10 m.
+/// let exact = 3.0 * (libm::exp(-0.2) - libm::exp(-0.4)) / 0.02;
+/// assert!((f64::from(field.fluence[1]) - exact).abs() < 1e-4);
+/// ```
 #[derive(Clone, Copy)]
 pub struct Tracer<'a> {
     cloud: &'a Cloud,

@@ -36,7 +36,7 @@ impl SimdLevel {
 }
 
 /// Work that is compiled once for each kind of register; `run` and all that it calls are `#[inline(always)]`.
-pub(crate) trait Kernel {
+pub(crate) trait SimdKernel {
     /// What the work returns.
     type Output;
     /// The work.
@@ -44,7 +44,7 @@ pub(crate) trait Kernel {
 }
 
 /// Runs `kernel` with the registers of `level`.
-pub(crate) fn run<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
+pub(crate) fn run<K: SimdKernel>(level: SimdLevel, kernel: K) -> K::Output {
     dispatch!(level.level(), simd => kernel.run(simd))
 }
 

@@ -1,11 +1,11 @@
-//! Light solved for on the spot: what lamps do that no row was baked for, and the exact direct light of those that were.
+//! Light solved for on the spot: what point lights do that no row was baked for, and the exact direct light of those that were.
 //!
-//! The discretisation is that of the asset's rows, so that what comes of a lamp here and what its row would have held differ
+//! The discretisation is that of the asset's rows, so that what comes of a light here and what its row would have held differ
 //! by the codec alone. A live solve costs many times a relighting; it is the yardstick that baking is measured by.
 //!
 //! | symbol | name | unit |
 //! | φ | fluence rate ∫ L dΩ | W/m² |
-//! | J | light scattered per unit of scattering coefficient ∫ p(ω·ω') L(ω') dω' | W/(m² sr) |
+//! | J | in-scattered radiance, [`squall_formats::basis`] | W/(m² sr) |
 
 use crate::Cloud;
 use crate::cloud::CoarseIndex;
@@ -22,7 +22,7 @@ use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
 
 /// Sweeps after which a live solve gives up.
 const MAX_SWEEPS: u32 = 2000;
-/// Lamps traced in one piece; pieces run in parallel and are added in order.
+/// Lights traced in one piece; pieces run in parallel and are added in order.
 const LIGHTS_PER_PIECE: usize = 8;
 
 /// A cloud prepared for live solving.
@@ -32,7 +32,7 @@ pub struct LiveSolver {
     solver: Solver<4>,
 }
 
-/// Direct light of lamps per cell.
+/// Direct light of point lights per cell.
 #[derive(Clone, Debug)]
 pub struct DirectCells {
     /// φ of light never scattered, W/m².
@@ -46,7 +46,7 @@ pub struct DirectCells {
 }
 
 impl DirectCells {
-    /// Adds the light of other lamps, collected towards the same directions or towards none.
+    /// Adds the light of other point lights, collected towards the same directions or towards none.
     pub fn add(&mut self, other: &Self) {
         let pairs = [
             (&mut self.unscattered, &other.unscattered),
@@ -61,7 +61,7 @@ impl DirectCells {
     }
 }
 
-/// Scattered light of lamps per cell, beyond the direct part.
+/// Scattered light of point lights per cell, beyond the direct part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveLight {
     /// J's 16 harmonic coefficients per cell.
@@ -102,7 +102,7 @@ impl LiveSolver {
         Ok(Self { parent: CoarseIndex::new(fine.shape, record.refine), fine, solver })
     }
 
-    /// Follows the lamps' direct light, `samples`² rays through every boundary face of the solve grid, and collects it
+    /// Follows the lights' direct light, `samples`² rays through every boundary face of the solve grid, and collects it
     /// towards `directions`. The same bytes come out for any number of threads.
     pub fn direct(&self, lights: &[PointLight], directions: &[DVec3], samples: u32) -> DirectCells {
         let tracer = Tracer::new(&self.fine, self.solver.scaled().extinction_scale);

@@ -6,6 +6,17 @@
 use std::f64::consts::PI;
 
 /// Henyey and Greenstein's function, 1/sr: (1−g²) / (4π (1 + g² − 2g cos θ)^{3/2}), for −1 < g < 1.
+///
+/// ```
+/// use squall_transport::phase::henyey_greenstein;
+///
+/// // Without a preferred direction, the same everywhere.
+/// let even = 1.0 / (4.0 * std::f64::consts::PI);
+/// assert!((henyey_greenstein(0.0, 0.3) - even).abs() < 1e-15);
+/// // A cloud's droplets scatter forward (1+g)³/(1−g)³ times as much as back.
+/// let ratio = henyey_greenstein(0.85, 1.0) / henyey_greenstein(0.85, -1.0);
+/// assert!((ratio / (1.85f64 / 0.15).powi(3) - 1.0).abs() < 1e-12);
+/// ```
 pub fn henyey_greenstein(g: f64, cos_theta: f64) -> f64 {
     // 1 + g² − 2g cos θ, in a form that keeps its digits at the peak of a narrow function.
     let narrow = 1.0 - g.abs();

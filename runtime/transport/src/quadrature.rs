@@ -3,6 +3,16 @@
 use crate::error::ArgumentError;
 
 /// A direction set by name.
+///
+/// ```
+/// use squall_transport::quadrature::Quadrature;
+///
+/// let set = Quadrature::Lebedev26.ordinates()?;
+/// // The mean of z² over the sphere is a third.
+/// let mean: f64 = set.iter().map(|o| o.weight * o.direction[2] * o.direction[2]).sum();
+/// assert!(set.len() == 26 && (mean - 1.0 / 3.0).abs() < 1e-14);
+/// # Ok::<(), squall_transport::ArgumentError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quadrature {
     /// Lebedev's set of 14 directions, exact for polynomials up to degree 5.

@@ -77,6 +77,42 @@ impl Default for SolveSettings {
 }
 
 /// A grid prepared for solving with `M` source moments: 4 for degree 1, 16 for degree 3.
+///
+/// ```
+/// use glam::DVec3;
+/// use squall_formats::GridShape;
+/// use squall_transport::direct::{DirectField, Tracer};
+/// use squall_transport::solve::{SolveBuffers, SolveSettings, Solver};
+/// use squall_transport::{Boundary, Cloud, PointLight};
+///
+/// // A cloud that absorbs nothing around a light of 1 W/sr.
+/// let cloud = Cloud {
+///     shape: GridShape::new(6, 6, 6),
+///     cell_m: [20.0; 3],
+///     origin_m: DVec3::splat(-60.0),
+///     extinction: vec![0.03; 216],
+///     albedo: 1.0,
+///     g: 0.5,
+///     boundary: Boundary::Open,
+/// };
+/// let solver = Solver::<4>::new(&cloud, SolveSettings::default())?;
+/// let tracer = Tracer::new(&cloud, solver.scaled().extinction_scale);
+/// let mut direct = DirectField::<4>::new(&cloud, &[]);
+/// let mut straight = 0.0;
+/// let light = PointLight { position: DVec3::new(3.0, 1.0, -2.0), intensity: 1.0 };
+/// tracer.rays(light.into(), 4, |ray| straight += tracer.trace(ray, &mut direct).1);
+///
+/// let volume = cloud.cell_volume() as f32;
+/// let moments: Vec<[f32; 4]> = direct.moments.iter().map(|row| row.map(|sum| sum / volume)).collect();
+/// let (mut scattered, mut buffers) = (Vec::new(), SolveBuffers::default());
+/// let mut leak = std::array::from_fn(|_| vec![0.0]);
+/// let report = solver.solve::<f32>(&moments, &mut scattered, &mut buffers, Some(&mut leak));
+/// assert!(report.lanes[0].converged);
+/// // What leaves, straight or scattered, is what the light gives: 4π W.
+/// let leaves = straight + leak.iter().flatten().sum::<f64>();
+/// assert!((leaves / (4.0 * std::f64::consts::PI) - 1.0).abs() < 0.005, "{leaves} W");
+/// # Ok::<(), squall_transport::ArgumentError>(())
+/// ```
 pub struct Solver<const M: usize> {
     sweeper: Sweeper,
     cells: CellCoefficients,

@@ -19,7 +19,7 @@ mod one;
 
 use crate::cloud::{Boundary, Cloud};
 use crate::error::ArgumentError;
-use crate::lanes::{F32x4, F32x8, F32x16, Kernel, Lanes, SimdLevel, run};
+use crate::lanes::{F32x4, F32x8, F32x16, Lanes, SimdKernel, SimdLevel, run};
 use crate::quadrature::{Ordinate, Quadrature};
 pub use faces::{CellCoefficients, Leak};
 use faces::{FaceWeights, Faces};
@@ -237,7 +237,7 @@ struct Plane<'a, P, const M: usize> {
     start: usize,
 }
 
-impl<P: Lanes, const M: usize, const O: usize> Kernel for SweepKernel<'_, P, M, O> {
+impl<P: Lanes, const M: usize, const O: usize> SimdKernel for SweepKernel<'_, P, M, O> {
     type Output = ();
 
     #[inline(always)]

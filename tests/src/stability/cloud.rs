@@ -2,9 +2,10 @@
 
 use glam::{DVec3, Vec4};
 use squall_bake::progress::Quiet;
-use squall_bake::response::{Job, LightGrid, ResponseSettings, Sources, bake_response};
+use squall_bake::response::{Job, ResponseSettings, Sources, WantedLights, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
+use squall_formats::light_grid::LightGrid;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::Radians;
@@ -44,16 +45,12 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
     {
         let cloud = uniform(shape, [100.0, 100.0, 100.0], extinction);
         let high = cloud.far_corner();
-        let lights = LightGrid {
-            x_m: vec![-50.0, high.x],
-            y_m: vec![-50.0, high.y],
-            z_m: vec![450.0, high.z],
-            wanted: Vec::new(),
-        };
+        let grid = LightGrid { x_m: vec![-50.0, high.x], y_m: vec![-50.0, high.y], z_m: vec![450.0, high.z] };
+        let lights = WantedLights { grid, wanted: Vec::new() };
         let settings = ResponseSettings {
             seen_only: false,
             view_region: None,
-            channels: DirectionalBasis::Harmonics { degree: 1 },
+            basis: DirectionalBasis::Harmonics { degree: 1 },
             direct: DirectTerm::AtRunTime,
             codec: Codec::Bytes,
             relative_error: 0.02,

@@ -3,7 +3,7 @@
 use squall_bake::compress::compress_row;
 use squall_formats::GridShape;
 use squall_formats::haar::Haar;
-use squall_formats::section::response::{Codec, accumulate, channels};
+use squall_formats::section::response::{Codec, accumulate, coefficient_planes};
 use squall_runtime::random::Random;
 
 #[test]
@@ -21,7 +21,7 @@ fn coefficients_beyond_the_quantisers_range_are_kept_as_they_are() {
                 let row = compress_row(&values, 2, codec, error);
                 let mut back = vec![0.0; 2 * CELLS];
                 for (channel, plane) in
-                    channels(&row.bytes, 2).unwrap().iter().zip(back.chunks_exact_mut(CELLS))
+                    coefficient_planes(&row.bytes, 2).unwrap().iter().zip(back.chunks_exact_mut(CELLS))
                 {
                     accumulate(channel, codec, 1.0, plane).unwrap();
                 }

@@ -14,7 +14,7 @@ use squall_runtime::depth::{DepthBuffer, DepthKind};
 use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
 use squall_runtime::medium::{Illumination, Medium, Outlook};
 use squall_runtime::picture::Picture;
-use squall_runtime::rain::{Environment, RainVolume, Scene, Shot, SmoothWindow, Weather, Workspace};
+use squall_runtime::rain::{RainVolume, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
 use squall_runtime::tone::Tone;
 
 #[test]
@@ -147,7 +147,7 @@ fn a_step_of_a_day_leaves_the_same_rain_and_a_camera_at_any_speed_finite_streaks
                     && s.end_depths.iter().all(|d| *d > 0.0))
             );
             let mut picture = Picture::new(1920, 1080).unwrap();
-            let light = Environment { above: [1.0; 3], ..Default::default() };
+            let light = Surroundings { above: [1.0; 3], ..Default::default() };
             workspace
                 .draw(
                     &shot,

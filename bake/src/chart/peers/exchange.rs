@@ -141,7 +141,7 @@ impl<'a> Exchange<'a> {
     /// Errors: a folder for temporary files that takes none, no space.
     pub fn new(script: &'a Path, solved: &SolvedRows) -> Result<Self, BakeError> {
         let [nx, ny, nz] = solved.head.shape.to_array();
-        let shape = [solved.head.channels.count(), nz, ny, nx];
+        let shape = [solved.head.basis.count(), nz, ny, nx];
         let exchange = Self { script, folder: folder()?, shape, rows: solved.planes.len() };
         let haar = Haar::new(solved.head.shape);
         let path = exchange.path("rows.f32");

@@ -6,7 +6,7 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::provenance::InputRecord;
 use squall_formats::section::response::{
-    Codec, DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, ResponseSection, SourceBasis,
+    Codec, DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, ResponseSection,
 };
 use squall_formats::section::view::ViewSection;
 use squall_runtime::{Asset, RuntimeError};
@@ -32,9 +32,9 @@ pub fn grid(asset: &Asset) -> Result<Value, RuntimeError> {
 /// The cloud's response: what rows there are and what they hold.
 pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
     let head = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read)?.head;
-    let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &head.sources;
-    let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
-    let (basis, degree) = match head.channels {
+    let grid = head.sources.light_grid();
+    let baked = grid.map(|(_, rows)| rows.iter().filter(|&&row| row != NO_ROW).count());
+    let (basis, degree) = match head.basis {
         DirectionalBasis::Directions26 => ("directions-26", None),
         DirectionalBasis::Harmonics { degree } => ("harmonics", Some(degree)),
         DirectionalBasis::ViewRegion { degree } => ("view-region", Some(degree)),
@@ -47,15 +47,15 @@ pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
     let region = head.view_region.map(|region| json!({ "low_m": region.low_m, "high_m": region.high_m }));
     let cells = head.shape.len();
     Ok(json!({
-        "light_grid": [x_m.len(), y_m.len(), z_m.len()],
-        "bounds_m": bounds(&head),
+        "light_grid": grid.map(|(grid, _)| grid.axes().map(<[f64]>::len)),
+        "bounds_m": grid.map(|(grid, _)| grid.bounds()),
         "virtual_lights": baked,
-        "prune": baked < rows.len(),
-        "share_of_bounds": share_of_bounds(&head),
+        "prune": grid.zip(baked).map(|((_, rows), baked)| baked < rows.len()),
+        "share_of_bounds": grid.map(|_| share_of_bounds(&head)),
         "distant": distant.collect::<Vec<_>>(),
         "basis": basis,
         "degree": degree,
-        "coefficients": head.channels.count(),
+        "coefficients": head.basis.count(),
         "direct": match head.direct {
             DirectTerm::InRows => "rows",
             DirectTerm::AtRunTime => "run-time",
@@ -82,18 +82,11 @@ pub fn view(asset: &Asset) -> Result<Value, RuntimeError> {
     Ok(serde_json::to_value(view).unwrap_or_default())
 }
 
-/// Smallest and largest corner of the box around all nodes of the light grid, m.
-fn bounds(head: &ResponseHead) -> [[f64; 3]; 2] {
-    let SourceBasis::LightGrid { x_m, y_m, z_m, .. } = &head.sources;
-    let end =
-        |axis: &[f64], last: bool| if last { axis.last() } else { axis.first() }.copied().unwrap_or(0.0);
-    [false, true].map(|last| [x_m, y_m, z_m].map(|axis| end(axis, last)))
-}
-
-/// Share of that box in which a point light can be relit from rows: the volume between eight nodes that all have one. An axis of a
+/// Share of the light grid's box in which a point light can be relit from rows: the volume between eight nodes that all have one. An axis of a
 /// single node counts as one interval.
 pub fn share_of_bounds(head: &ResponseHead) -> f64 {
-    let SourceBasis::LightGrid { x_m, y_m, z_m, rows } = &head.sources;
+    let Some((grid, rows)) = head.sources.light_grid() else { return 0.0 };
+    let [x_m, y_m, z_m] = grid.axes();
     let intervals = |axis: &[f64]| -> Vec<([usize; 2], f64)> {
         match axis {
             [_] => vec![([0, 0], 1.0)],

@@ -1,12 +1,12 @@
-//! A row's channels and their coefficients, forward beside inverse. Bytes: SPEC.md, "CLRT".
+//! A row's planes, one a coefficient of the directional basis, and what they are stored as, forward beside inverse. Bytes: SPEC.md, "CLRT".
 
-use super::{Codec, ResponseSection, invalid};
+use super::head::{Codec, TAG, invalid};
 use crate::error::ReadError;
 
-/// One channel of a row as it lies in the file.
+/// A row's plane of one basis coefficient, over all cells, as it lies in the file: its Haar transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Channel<'a> {
-    /// Coefficient 0: the mean times √cells.
+pub struct CoefficientPlane<'a> {
+    /// Haar coefficient 0: the mean over cells times √cells.
     pub mean: f32,
     /// Value of a quantised 1.
     pub step: f32,
@@ -14,43 +14,49 @@ pub struct Channel<'a> {
     pub stream: &'a [u8],
 }
 
-/// Bytes of a channel's fixed part: mean, step, stream length.
-pub const CHANNEL_BYTES: usize = 12;
+/// Bytes of a plane's fixed part: mean, step, stream length.
+pub const COEFFICIENT_BYTES: usize = 12;
 /// Stream value that announces an f32.
 pub const ESCAPE: i8 = i8::MIN;
 /// Largest value of a pair that is no escape.
 const LARGEST_SMALL: f32 = 127.0;
 
-/// Splits a row into its channels. Errors: a row that ends early or has bytes left over.
-pub fn channels(row: &[u8], count: usize) -> Result<Vec<Channel<'_>>, ReadError> {
+/// Splits a row into its planes, one a coefficient of the basis. Errors: a row that ends early or has bytes left over.
+pub fn coefficient_planes(row: &[u8], count: usize) -> Result<Vec<CoefficientPlane<'_>>, ReadError> {
     let short = |missing: usize| ReadError::Truncated {
-        section: ResponseSection::TAG,
+        section: TAG,
         offset: row.len() as u64,
         missing: missing as u64,
     };
-    let fixed = row.get(..count * CHANNEL_BYTES).ok_or_else(|| short(count * CHANNEL_BYTES - row.len()))?;
-    let mut rest = &row[count * CHANNEL_BYTES..];
+    let fixed =
+        row.get(..count * COEFFICIENT_BYTES).ok_or_else(|| short(count * COEFFICIENT_BYTES - row.len()))?;
+    let mut rest = &row[count * COEFFICIENT_BYTES..];
     let mut out = Vec::with_capacity(count);
-    for part in fixed.chunks_exact(CHANNEL_BYTES) {
+    for part in fixed.chunks_exact(COEFFICIENT_BYTES) {
         let word = |at: usize| [part[at], part[at + 1], part[at + 2], part[at + 3]];
         let (mean, step) = (f32::from_le_bytes(word(0)), f32::from_le_bytes(word(4)));
         let length = u32::from_le_bytes(word(8)) as usize;
         if !(mean.is_finite() && step >= 0.0 && (step * LARGEST_SMALL).is_finite()) {
-            return Err(invalid("channel mean and step", "finite, step from 0", format!("{mean}, {step}")));
+            return Err(invalid(
+                None,
+                "mean and step of a plane",
+                "finite, step from 0",
+                format!("{mean}, {step}"),
+            ));
         }
         let stream = rest.get(..length).ok_or_else(|| short(length - rest.len()))?;
         rest = &rest[length..];
-        out.push(Channel { mean, step, stream });
+        out.push(CoefficientPlane { mean, step, stream });
     }
     if !rest.is_empty() {
-        return Err(invalid("row", "no byte behind its last channel", format!("{} bytes", rest.len())));
+        return Err(invalid(None, "row", "no byte behind its last plane", format!("{} bytes", rest.len())));
     }
     Ok(out)
 }
 
 /// A coefficient as it lies in a stream.
 enum Coefficient {
-    /// So many of the channel's steps.
+    /// So many of the plane's steps.
     Steps(i8),
     /// The value itself.
     Exact(f32),
@@ -63,25 +69,25 @@ enum Coefficient {
 /// value 0 only moves on.
 #[inline(always)]
 fn walk(
-    channel: &Channel<'_>,
+    plane: &CoefficientPlane<'_>,
     codec: Codec,
     cells: usize,
     mut each: impl FnMut(usize, Coefficient),
 ) -> Result<(), ReadError> {
     let within = |index: usize| {
-        let beyond = || invalid("coefficient index", "below the number of cells", index.to_string());
+        let beyond = || invalid(None, "coefficient index", "below the number of cells", index.to_string());
         if index < cells { Ok(index) } else { Err(beyond()) }
     };
     let finite = |bytes: [u8; 4]| {
         let value = f32::from_le_bytes(bytes);
-        let error = || invalid("coefficient", "finite", value.to_string());
+        let error = || invalid(None, "coefficient", "finite", value.to_string());
         if value.is_finite() { Ok(Coefficient::Exact(value)) } else { Err(error()) }
     };
-    let broken = || invalid("coefficient stream", "whole coefficients", "one cut off".into());
+    let broken = || invalid(None, "coefficient stream", "whole coefficients", "one cut off".into());
     within(0)?;
     match codec {
         Codec::Paper => {
-            let (pairs, rest) = channel.stream.as_chunks::<8>();
+            let (pairs, rest) = plane.stream.as_chunks::<8>();
             for pair in pairs {
                 let index = u32::from_le_bytes([pair[0], pair[1], pair[2], pair[3]]) as usize;
                 each(within(index)?, finite([pair[4], pair[5], pair[6], pair[7]])?);
@@ -90,7 +96,7 @@ fn walk(
         }
         Codec::Bytes => {
             let mut index = 0usize;
-            let mut stream = channel.stream;
+            let mut stream = plane.stream;
             while let [gap, value, rest @ ..] = stream {
                 index = within(index + usize::from(*gap) + 1)?;
                 stream = rest;
@@ -109,21 +115,21 @@ fn walk(
     }
 }
 
-/// Adds `weight` times a channel's coefficients to `sums`, which has one place a cell.
+/// Adds `weight` times a plane's coefficients to `sums`, which has one place a cell.
 ///
 /// Errors: an index beyond the grid, a coefficient that is not finite, or a stream that ends inside a pair.
 #[inline]
 pub fn accumulate(
-    channel: &Channel<'_>,
+    plane: &CoefficientPlane<'_>,
     codec: Codec,
     weight: f32,
     sums: &mut [f32],
 ) -> Result<(), ReadError> {
     if let Some(sum) = sums.first_mut() {
-        *sum += weight * channel.mean;
+        *sum += weight * plane.mean;
     }
-    let scale = weight * channel.step;
-    walk(channel, codec, sums.len(), |index, coefficient| {
+    let scale = weight * plane.step;
+    walk(plane, codec, sums.len(), |index, coefficient| {
         sums[index] += match coefficient {
             Coefficient::Steps(steps) => scale * f32::from(steps),
             Coefficient::Exact(value) => weight * value,
@@ -131,9 +137,9 @@ pub fn accumulate(
     })
 }
 
-/// Whether a channel could be added to a grid of `cells`; the errors of [`accumulate`], without its work.
-pub fn check_stream(channel: &Channel<'_>, codec: Codec, cells: usize) -> Result<(), ReadError> {
-    walk(channel, codec, cells, |_, _| ())
+/// Whether a plane could be added to a grid of `cells`; the errors of [`accumulate`], without its work.
+pub fn check_stream(plane: &CoefficientPlane<'_>, codec: Codec, cells: usize) -> Result<(), ReadError> {
+    walk(plane, codec, cells, |_, _| ())
 }
 
 /// Puts a stream together; coefficients come in rising index, index 0 excluded.
@@ -181,10 +187,10 @@ mod tests {
     const CELLS: usize = 2000;
 
     fn sums(stream: &[u8], codec: Codec, weight: f32) -> Result<Vec<f32>, ReadError> {
-        let channel = Channel { mean: 3.0, step: 0.5, stream };
+        let plane = CoefficientPlane { mean: 3.0, step: 0.5, stream };
         let mut sums = vec![0.0; CELLS];
-        accumulate(&channel, codec, weight, &mut sums)?;
-        check_stream(&channel, codec, CELLS)?;
+        accumulate(&plane, codec, weight, &mut sums)?;
+        check_stream(&plane, codec, CELLS)?;
         Ok(sums)
     }
 

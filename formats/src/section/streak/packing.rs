@@ -1,7 +1,14 @@
 //! Integers with a step: rounding on the way in, a cursor on the way out.
 
-use super::{StreakSection, invalid};
 use crate::error::ReadError;
+use crate::tag::Tag;
+
+/// The section's tag.
+pub(super) const TAG: Tag = Tag(*b"STRK");
+
+pub(super) fn invalid(field: &'static str, wanted: &'static str, found: impl ToString) -> ReadError {
+    ReadError::Invalid { section: TAG, offset: None, field, wanted, found: found.to_string() }
+}
 
 /// Nearest integer in [low, high]; not-a-number gives the end nearer to zero.
 pub(super) fn nearest(value: f64, low: i64, high: i64) -> i64 {
@@ -46,7 +53,7 @@ impl<'a> Cursor<'a> {
         let left = self.bytes.len() - self.at;
         if count > left {
             return Err(ReadError::Truncated {
-                section: StreakSection::TAG,
+                section: TAG,
                 offset: self.bytes.len() as u64,
                 missing: (count - left) as u64,
             });

@@ -1,7 +1,6 @@
 //! Products of a table across and a table along: Σ A_k(u) · B_k(v).
 
-use super::invalid;
-use super::packing::{Cursor, nearest};
+use super::packing::{Cursor, invalid, nearest};
 use crate::error::ReadError;
 
 /// Largest number of products.

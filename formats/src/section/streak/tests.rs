@@ -59,13 +59,38 @@ fn what_was_read_writes_the_same_bytes_and_reads_the_same() {
     assert_eq!(once.write(), bytes);
     assert_eq!(read(&once.write()).unwrap(), once);
     let names = |section: &StreakSection| {
-        section.patterns.iter().map(|streak| Kind::of(&streak.pattern)).collect::<Vec<_>>()
+        section.patterns.iter().map(|streak| streak.pattern.kind()).collect::<Vec<_>>()
     };
     assert_eq!(names(&once), names(&every_kind()));
     assert!(StreakSection::read(&bytes, 2, &Limits::default()).is_err(), "a newer version");
     for pattern in &every_kind().patterns {
         assert_eq!(pattern.quantised(), pattern.quantised().quantised());
     }
+}
+
+#[test]
+fn the_ends_of_every_stored_range_come_back_as_they_were() {
+    // −128 of an i8, −32768 of an i16 and −2048 of twelve bits: one beyond what plus reaches.
+    let window = Window::Edges(EdgeWindow {
+        sides: [[0.2, -0.125, 0.125 - 1.0 / 1024.0, 0.0], [0.8, 0.0, 0.0, -0.125]],
+        ends: [[0.1, -0.25, 0.25 - 1.0 / 512.0], [0.9, 0.0, -0.25]],
+        softness: [0.0625; 4],
+    });
+    let term = |along| Cosine { across: 4095.0, along, amplitude: 4095.0, phase: 0.0 };
+    let pattern = CosinePattern { window, constant: -8.0, terms: vec![term(-2048.0), term(2047.0)] };
+    let read = streak(Pattern::Cosines(pattern.clone())).quantised();
+    let Pattern::Cosines(mut found) = read.pattern else { panic!("cosines") };
+    if let (Window::Edges(found), Window::Edges(wanted)) = (&mut found.window, &pattern.window) {
+        for (found, wanted) in found.sides.iter_mut().zip(&wanted.sides) {
+            assert!((found[0] - wanted[0]).abs() < 1e-5, "a place, in steps of 1/65535");
+            found[0] = wanted[0];
+        }
+        for (found, wanted) in found.ends.iter_mut().zip(&wanted.ends) {
+            assert!((found[0] - wanted[0]).abs() < 1e-5, "a place, in steps of 1/65535");
+            found[0] = wanted[0];
+        }
+    }
+    assert_eq!(found, pattern);
 }
 
 /// The bytes of SPEC.md, "STRK", put together by hand.

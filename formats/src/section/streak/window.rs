@@ -1,7 +1,7 @@
 //! Windows: what ends a pattern's cosines at the outline of the streak.
 
-use super::packing::{Cursor, LogLattice, nearest};
-use super::{Kind, invalid};
+use super::kind::Kind;
+use super::packing::{Cursor, LogLattice, invalid, nearest};
 use crate::error::ReadError;
 
 /// Steps of a position, 0 to 1.
@@ -185,7 +185,7 @@ impl EdgeWindow {
         for position in [left, right, top, bottom] {
             pool.extend(position.to_le_bytes());
         }
-        let bend = |value: f64, steps: f64| (nearest(value * steps, -127, 127) as i8).to_le_bytes();
+        let bend = |value: f64, steps: f64| (nearest(value * steps, -128, 127) as i8).to_le_bytes();
         for side in &self.sides {
             pool.extend(side[1..].iter().flat_map(|&value| bend(value, BEND_STEPS)));
         }

@@ -134,6 +134,31 @@ impl WideRay {
 }
 
 /// A cloud ready to be followed along rays.
+///
+/// ```
+/// use glam::DVec3;
+/// use squall_formats::GridShape;
+/// use squall_runtime::camera::Ray;
+/// use squall_runtime::shade::cloud::{Cells, CloudMarch, MarchQuality, WideRay};
+/// use squall_runtime::transport::{Boundary, Cloud};
+///
+/// let cloud = Cloud {
+///     shape: GridShape::new(4, 4, 4),
+///     cell_m: [25.0; 3],
+///     origin_m: DVec3::ZERO,
+///     extinction: vec![0.02; 64],
+///     albedo: 0.9,
+///     g: 0.85,
+///     boundary: Boundary::Open,
+/// };
+/// let march = CloudMarch::new(&cloud, Cells, MarchQuality::measured(25.0));
+/// let ray = Ray { origin: DVec3::new(-300.0, 40.0, 60.0), direction: DVec3::X };
+/// // In even light J = 2 the radiance is ω J (1 − e^−τ), here with τ = 2.
+/// let view = march.march(&WideRay::thin(ray), |_| 2.0);
+/// let through = libm::exp(-2.0);
+/// assert!((f64::from(view.transmittance) - through).abs() < 1e-6);
+/// assert!((view.radiance - 0.9 * 2.0 * (1.0 - through)).abs() < 1e-6);
+/// ```
 #[derive(Clone, Copy)]
 pub struct CloudMarch<'a, D> {
     /// Grid and optics.

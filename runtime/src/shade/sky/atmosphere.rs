@@ -11,7 +11,7 @@
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// Three broad bands, red, green, blue: about 580–650, 500–570 and 440–490 nm, where a camera's channels and the
+/// Three broad bands, red, green, blue: about 580–650, 500–570 and 440–490 nm, where a camera's colours and the
 /// primaries of a display are.
 pub type Bands = [f64; 3];
 

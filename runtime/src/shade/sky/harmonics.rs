@@ -1,9 +1,9 @@
-//! A function on the sphere as nine numbers per channel: enough for what a sky sheds on matt surfaces. [ramamoorthi]
+//! A function on the sphere as nine numbers per colour: enough for what a sky sheds on matt surfaces. [ramamoorthi]
 
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 
-/// Coefficients of orders 0, 1 and 2 per channel: 1, y, z, x, xy, yz, 3z²−1, xz, x²−y².
+/// Coefficients of orders 0, 1 and 2 per colour: 1, y, z, x, xy, yz, 3z²−1, xz, x²−y².
 pub type Harmonics = [[f32; 3]; 9];
 
 /// The constant harmonic.

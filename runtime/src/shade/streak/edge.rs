@@ -15,7 +15,7 @@ const SOFTEST_LOG2: f32 = -4.0;
 /// Table intervals from one end of the transition to the other, a power of two.
 const INTERVALS: usize = 32;
 /// A blurred step is 0 or 1 to single precision this many softnesses from its place.
-const REACH: f64 = 3.6;
+const RADIUS: f64 = 3.6;
 /// The narrower of a pixel's two boxes is kept this wide, so that a second difference stays one and linear
 /// tables can follow it. The wider box alone makes sums over the lattice constant there, and the added
 /// variance is a sixteenth of the pixel's own.
@@ -39,7 +39,7 @@ fn second_integral(x: f64) -> f64 {
 #[derive(Clone, Debug)]
 struct Transition {
     /// Half its length, pixels.
-    reach: f32,
+    radius: f32,
     /// One more than [`INTERVALS`] values.
     values: [f32; INTERVALS + 1],
 }
@@ -57,7 +57,7 @@ pub struct Edge<'a> {
     /// Table intervals per pixel.
     per_pixel: f32,
     /// Half the transition's length, pixels.
-    pub reach: f32,
+    pub radius: f32,
 }
 
 impl EdgeTable {
@@ -87,8 +87,8 @@ impl EdgeTable {
         let stretch = libm::sqrtf(variance(softness) / variance(own));
         let transition =
             &self.transitions[(angle.round() as usize).min(ANGLES - 1) * SOFTNESSES + class as usize];
-        let reach = transition.reach * stretch;
-        Edge { values: &transition.values, per_pixel: INTERVALS as f32 / (2.0 * reach), reach }
+        let radius = transition.radius * stretch;
+        Edge { values: &transition.values, per_pixel: INTERVALS as f32 / (2.0 * radius), radius }
     }
 }
 
@@ -100,10 +100,10 @@ impl Default for EdgeTable {
 
 fn transition(boxes: [f64; 2], softness: f64) -> Transition {
     let [a, b] = boxes;
-    let reach = 0.5 * (a + b) + REACH * softness;
+    let radius = 0.5 * (a + b) + RADIUS * softness;
     let mut values = [0.0; INTERVALS + 1];
     for (i, value) in values.iter_mut().enumerate() {
-        let x = reach * (2.0 * i as f64 / INTERVALS as f64 - 1.0);
+        let x = radius * (2.0 * i as f64 / INTERVALS as f64 - 1.0);
         let at = |offset: f64| second_integral((x + offset) / softness);
         let (sum, difference) = (0.5 * (a + b), 0.5 * (a - b));
         let second = at(sum) - at(difference) - at(-difference) + at(-sum);
@@ -112,7 +112,7 @@ fn transition(boxes: [f64; 2], softness: f64) -> Transition {
     // The last interval ends where the step has: no jump when reading beyond it.
     values[0] = 0.0;
     values[INTERVALS] = 1.0;
-    Transition { reach: reach as f32, values }
+    Transition { radius: radius as f32, values }
 }
 
 impl Edge<'_> {
@@ -123,7 +123,7 @@ impl Edge<'_> {
         // A plain loop over arrays, which becomes vector instructions.
         let (mut indices, mut shares) = ([0; LANES], [0.0; LANES]);
         for lane in 0..LANES {
-            let place = (distances[lane] + self.reach) * self.per_pixel;
+            let place = (distances[lane] + self.radius) * self.per_pixel;
             (indices[lane], shares[lane]) = split(place.clamp(0.0, INTERVALS as f32), INTERVALS - 1);
         }
         let mut read = [[0.0; LANES]; 2];

@@ -2,7 +2,7 @@
 
 use super::Pose;
 use super::edge::{Edge, EdgeTable, LANES};
-use super::profile::Row;
+use super::profile::ProfileRow;
 use squall_formats::section::streak::EdgeWindow;
 
 /// What multiplies the cosines at a pixel.
@@ -24,7 +24,7 @@ pub(super) struct EdgeFrame<'a> {
     /// x of a place across: x = (place − middle) · factor.
     x_middle: f32,
     x_per_pixel: f32,
-    /// Between these, pixels along, both ends are out of reach.
+    /// Between these, pixels along, neither end is within its radius.
     inner: [f32; 2],
 }
 
@@ -42,7 +42,7 @@ impl<'a> EdgeFrame<'a> {
         let (left, right) = (window.sides[0][0], window.sides[1][0]);
         let bend = |end: &[f32; 3]| end[1].abs() + end[2].abs();
         let inner =
-            [ends[0][0] + bend(&ends[0]) + edges[2].reach, ends[1][0] - bend(&ends[1]) - edges[3].reach];
+            [ends[0][0] + bend(&ends[0]) + edges[2].radius, ends[1][0] - bend(&ends[1]) - edges[3].radius];
         Self {
             edges,
             sides,
@@ -114,7 +114,7 @@ impl Weigh for EdgeFrame<'_> {
 /// Sums of products of rows.
 pub(super) struct ProductFrame<'a> {
     /// Pairs of rows, across and along.
-    pub rows: &'a [[Row; 2]],
+    pub rows: &'a [[ProfileRow; 2]],
 }
 
 impl Weigh for ProductFrame<'_> {

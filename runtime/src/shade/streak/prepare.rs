@@ -12,18 +12,17 @@ const VISIBLE: f32 = 0.02;
 #[derive(Clone, Debug)]
 pub struct Prepared {
     pub body: Body,
-    pub mean: f32,
     /// Periods across of its finest visible wave.
     pub finest: f64,
     /// How it is drawn where its width is resolved.
-    pub light: Light,
+    pub light: PatternLight,
     /// How it is drawn where it is not.
     pub thin: Thin,
 }
 
 /// The two kinds of pattern.
 #[derive(Clone, Debug)]
-pub enum Light {
+pub enum PatternLight {
     /// Cosines under a window.
     Cosines(Cosines),
     /// Products of profiles, across and along.
@@ -33,14 +32,14 @@ pub enum Light {
 /// Cosines under a window.
 #[derive(Clone, Debug)]
 pub struct Cosines {
-    pub frame: Frame,
+    pub frame: PatternFrame,
     pub constant: f32,
     pub terms: Vec<Term>,
 }
 
 /// How the window is read.
 #[derive(Clone, Debug)]
-pub enum Frame {
+pub enum PatternFrame {
     /// Four soft edges.
     Edges(EdgeWindow),
     /// A profile across times a profile along.
@@ -61,32 +60,32 @@ impl Prepared {
     /// Tabulates what the thin form needs; a few thousand evaluations of the pattern.
     pub fn new(streak: &StreakPattern) -> Self {
         let light = match &streak.pattern {
-            Pattern::Cosines(pattern) => Light::Cosines(Cosines::new(pattern)),
+            Pattern::Cosines(pattern) => PatternLight::Cosines(Cosines::new(pattern)),
             Pattern::Separable(pattern) => {
                 let profiles = |k: usize| {
                     let across = Profile::new(|u| pattern.across_at(k, u));
                     [across, Profile::new(|v| pattern.along_at(k, v))]
                 };
-                Light::Products((0..pattern.rank()).map(profiles).collect())
+                PatternLight::Products((0..pattern.rank()).map(profiles).collect())
             }
         };
         let body = streak.body;
         let integral = streak.mean * body.width() * body.length();
         let finest = match &light {
-            Light::Cosines(cosines) => {
+            PatternLight::Cosines(cosines) => {
                 let visible = cosines.terms.iter().filter(|term| term.amplitude > VISIBLE);
                 visible.map(|term| term.frequency[0].abs()).fold(0.0, f64::max)
             }
-            Light::Products(_) => 0.0,
+            PatternLight::Products(_) => 0.0,
         };
-        Self { body, mean: streak.mean as f32, finest, light, thin: Thin::new(&streak.pattern, integral) }
+        Self { body, finest, light, thin: Thin::new(&streak.pattern, integral) }
     }
 
     /// The cosines, of a pattern that is made of them.
     pub fn cosines(&self) -> Option<&Cosines> {
         match &self.light {
-            Light::Cosines(cosines) => Some(cosines),
-            Light::Products(_) => None,
+            PatternLight::Cosines(cosines) => Some(cosines),
+            PatternLight::Products(_) => None,
         }
     }
 
@@ -94,7 +93,7 @@ impl Prepared {
     pub fn range(&self) -> [[f64; 2]; 2] {
         /// Softnesses beyond which an edge has faded to 10⁻⁴ of the light, and its sum to 10⁻⁵.
         const FADED: f64 = 2.6;
-        let Light::Cosines(Cosines { frame: Frame::Edges(window), .. }) = &self.light else {
+        let PatternLight::Cosines(Cosines { frame: PatternFrame::Edges(window), .. }) = &self.light else {
             return [[0.0, 1.0]; 2];
         };
         let bend = |bends: &[f64]| bends.iter().map(|bend| bend.abs()).sum::<f64>();
@@ -110,11 +109,11 @@ impl Prepared {
 impl Cosines {
     fn new(pattern: &CosinePattern) -> Self {
         let frame = match &pattern.window {
-            Window::Edges(window) => Frame::Edges(*window),
-            Window::Flat => Frame::Profiles([Profile::new(|_| 1.0), Profile::new(|_| 1.0)]),
+            Window::Edges(window) => PatternFrame::Edges(*window),
+            Window::Flat => PatternFrame::Profiles([Profile::new(|_| 1.0), Profile::new(|_| 1.0)]),
             Window::Power(window) => {
                 let window = *window;
-                Frame::Profiles([0, 1].map(|axis| Profile::new(move |x| window.profile(axis, x))))
+                PatternFrame::Profiles([0, 1].map(|axis| Profile::new(move |x| window.profile(axis, x))))
             }
         };
         let terms = pattern.terms.iter().map(|term| Term {

@@ -21,7 +21,7 @@ pub struct Profile {
 
 /// A profile seen through the pixels of one streak, read linearly.
 #[derive(Clone, Debug, Default)]
-pub struct Row {
+pub struct ProfileRow {
     start: f32,
     per_pixel: f32,
     values: Vec<f32>,
@@ -68,19 +68,19 @@ impl Profile {
     }
 
     /// Fills `row` with [`Profile::mean_over_pixel`] at every place where it is not zero.
-    pub fn fill_row(&self, scale: f64, direction: [f64; 2], row: &mut Row) {
-        let reach = 0.5 * (direction[0] + direction[1]) + 0.5 * NARROWEST_BOX;
-        let length = scale + 2.0 * reach;
+    pub fn fill_row(&self, scale: f64, direction: [f64; 2], row: &mut ProfileRow) {
+        let radius = 0.5 * (direction[0] + direction[1]) + 0.5 * NARROWEST_BOX;
+        let length = scale + 2.0 * radius;
         let intervals = ((length * ROW_PER_PIXEL) as usize).clamp(ROW_FEWEST, ROW_MOST);
-        row.start = -reach as f32;
+        row.start = -radius as f32;
         row.per_pixel = (intervals as f64 / length) as f32;
         row.values.clear();
-        let place = |i: usize| length * i as f64 / intervals as f64 - reach;
+        let place = |i: usize| length * i as f64 / intervals as f64 - radius;
         row.values.extend((0..=intervals).map(|i| self.mean_over_pixel(place(i), scale, direction) as f32));
     }
 }
 
-impl Row {
+impl ProfileRow {
     /// Bytes that it holds beside itself.
     pub fn bytes(&self) -> usize {
         self.values.capacity() * size_of::<f32>()
@@ -111,7 +111,7 @@ mod tests {
         /// Rows have four intervals a pixel.
         const ROW_ERROR: f64 = 2e-3;
         let profile = Profile::new(|x| 1.0 - x);
-        let mut row = Row::default();
+        let mut row = ProfileRow::default();
         for scale in [0.05, 0.7, 3.0, 60.0] {
             profile.fill_row(scale, [1.0, 0.0], &mut row);
             let sum: f64 = (-2..70).map(|i| f64::from(row.at(i as f32 + 0.3)[0])).sum();
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn a_wide_profile_reads_as_itself() {
         let profile = Profile::new(|x| x);
-        let mut row = Row::default();
+        let mut row = ProfileRow::default();
         profile.fill_row(100.0, [0.8, 0.6], &mut row);
         assert!((row.at(50.0)[0] - 0.5).abs() < 1e-4);
         assert_eq!(row.at(-3.0), [0.0; 2]);

@@ -68,13 +68,13 @@ pub(crate) fn every_kind() -> StreakSection {
     }
 }
 
-fn kernel(pattern: u32, length: f32, width: f32, degrees: f32, shift: f32) -> Kernel {
+fn kernel(pattern: u32, length: f32, width: f32, degrees: f32, shift: f32) -> StreakPlacement {
     let (sin, cos) = libm::sincosf(degrees.to_radians());
     let middle = [80.0 + shift, 79.6 + 0.7 * shift];
-    Kernel { middle, direction: [sin, cos], length, width, pattern, weight: 1.0 }
+    StreakPlacement { middle, direction: [sin, cos], length, width, pattern, weight: 1.0 }
 }
 
-fn draw_all(set: &StreakSet, kernel: &Kernel) -> Vec<f32> {
+fn draw_all(set: &StreakSet, kernel: &StreakPlacement) -> Vec<f32> {
     let mut alpha = vec![0.0; SIDE * SIDE];
     set.add(kernel, &mut Tile { origin: [0, 0], width: SIDE, alpha: &mut alpha }, &mut Scratch::default());
     alpha
@@ -117,7 +117,7 @@ fn a_short_streak_holds_its_light_too() {
 }
 
 /// Mean of the definition over a pixel, by `count` × `count` points.
-fn truth(streak: &StreakPattern, kernel: &Kernel, count: usize) -> Vec<f32> {
+fn truth(streak: &StreakPattern, kernel: &StreakPlacement, count: usize) -> Vec<f32> {
     let [dx, dy] = kernel.direction.map(f64::from);
     let (body, points) = (streak.body, (count * count) as f64);
     let value = |x: f64, y: f64| {
@@ -169,10 +169,17 @@ fn a_quarter_turn_of_the_streak_is_a_quarter_turn_of_its_picture() {
     const LINES: f32 = 3e-3;
     let set = StreakSet::new(&every_kind());
     for (length, width) in [(50.0, 1.0), (60.0, 8.0)] {
-        let upright =
-            Kernel { middle: [80.3, 70.2], direction: [0.1, 1.0], length, width, pattern: 0, weight: 1.0 };
+        let upright = StreakPlacement {
+            middle: [80.3, 70.2],
+            direction: [0.1, 1.0],
+            length,
+            width,
+            pattern: 0,
+            weight: 1.0,
+        };
         // (x, y) → (y, side − x).
-        let turned = Kernel { middle: [70.2, SIDE as f32 - 80.3], direction: [1.0, -0.1], ..upright };
+        let turned =
+            StreakPlacement { middle: [70.2, SIDE as f32 - 80.3], direction: [1.0, -0.1], ..upright };
         let (a, b) = (draw_all(&set, &upright), draw_all(&set, &turned));
         for y in 0..SIDE {
             for x in 0..SIDE {
@@ -220,20 +227,22 @@ fn what_cannot_be_drawn_draws_nothing() {
     let set = StreakSet::new(&every_kind());
     let good = kernel(0, 40.0, 2.0, 0.0, 0.0);
     let bad = [
-        Kernel { pattern: 9, ..good },
-        Kernel { length: 0.0, ..good },
-        Kernel { width: f32::NAN, ..good },
-        Kernel { width: f32::INFINITY, ..good },
-        Kernel { direction: [0.0; 2], ..good },
-        Kernel { direction: [f32::INFINITY, 1.0], ..good },
-        Kernel { middle: [f32::NAN, 0.0], ..good },
-        Kernel { weight: f32::INFINITY, ..good },
+        StreakPlacement { pattern: 9, ..good },
+        StreakPlacement { length: 0.0, ..good },
+        StreakPlacement { width: f32::NAN, ..good },
+        StreakPlacement { width: f32::INFINITY, ..good },
+        StreakPlacement { direction: [0.0; 2], ..good },
+        StreakPlacement { direction: [f32::INFINITY, 1.0], ..good },
+        StreakPlacement { middle: [f32::NAN, 0.0], ..good },
+        StreakPlacement { weight: f32::INFINITY, ..good },
     ];
     for kernel in bad {
         assert!(set.bounds(&kernel).is_none());
         assert!(draw_all(&set, &kernel).iter().all(|&value| value == 0.0));
     }
-    assert!(draw_all(&set, &Kernel { middle: [-1e6, 3.0], ..good }).iter().all(|&value| value == 0.0));
+    assert!(
+        draw_all(&set, &StreakPlacement { middle: [-1e6, 3.0], ..good }).iter().all(|&value| value == 0.0)
+    );
     assert_eq!(set.mean(9), 0.0);
     let empty = StreakSet::new(&StreakSection::default());
     assert!(empty.is_empty() && empty.bounds(&good).is_none());
@@ -251,7 +260,7 @@ proptest! {
         thread_local! {
             static SET: StreakSet = StreakSet::new(&every_kind());
         }
-        let kernel = Kernel { middle, direction, length, width, pattern, weight: 1.0 };
+        let kernel = StreakPlacement { middle, direction, length, width, pattern, weight: 1.0 };
         let drawn = SET.with(|set| draw_all(set, &kernel));
         prop_assert!(drawn.iter().all(|value| value.is_finite()));
     }

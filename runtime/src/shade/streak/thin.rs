@@ -50,23 +50,23 @@ pub struct Thin {
 /// A pattern in thin form at the scale of one kernel.
 pub struct ThinKernel<'a> {
     across: [Packet; INTERVALS + 1],
-    across_reach: f32,
+    across_radius: f32,
     across_per_pixel: f32,
     along: &'a [Packet],
-    along_reach: f32,
+    along_radius: f32,
     along_per_pixel: f32,
 }
 
-/// How far a pixel's shadow reaches at most: half a diagonal across; along, half a side and what stands in for
+/// Largest radius of a pixel's shadow: half a diagonal across; along, half a side and what stands in for
 /// none.
-const REACH_ACROSS: f64 = std::f64::consts::FRAC_1_SQRT_2;
-const REACH_ALONG: f64 = 0.5 + 0.5 * NARROWEST_BOX;
+const RADIUS_ACROSS: f64 = std::f64::consts::FRAC_1_SQRT_2;
+const RADIUS_ALONG: f64 = 0.5 + 0.5 * NARROWEST_BOX;
 
 /// Pixels that a table across spans for a picture `scale` pixels wide, and how many of them come before the
 /// picture. Nodes of the narrowest tables divide a pixel evenly: linear tables then share a streak out among
 /// the pixels of a lattice line exactly, however thin it is.
 fn span_across(scale: f64) -> (f64, f64) {
-    let span = (scale + 2.0 * REACH_ACROSS).max(2.0);
+    let span = (scale + 2.0 * RADIUS_ACROSS).max(2.0);
     (span, 0.5 * (span - scale))
 }
 
@@ -120,7 +120,7 @@ impl Thin {
         let (class, share) = (place as usize, place - place.floor());
         let at = |class: usize| &self.across[class * ANGLES + angle.min(ANGLES - 1)];
         // What is mixed from two classes, or taken from the narrowest, has their width's light.
-        let (width, reach) = span_across(scale[0]);
+        let (width, radius) = span_across(scale[0]);
         let class_width = f64::from(libm::exp2f(class as f32 / WIDTHS_PER_OCTAVE + FIRST_WIDTH_LOG2));
         let lights = [class_width, class_width * NEXT_WIDTH].map(|width| width / span_across(width).0);
         let mixed = lights[0] + (lights[1] - lights[0]) * f64::from(share);
@@ -134,7 +134,7 @@ impl Thin {
         let ratio = scale[1] / own_length;
         let stretch = if scale[1] > STRETCHED_PX { ratio } else { 1.0 };
         let factor = narrow * (ratio / stretch) as f32;
-        let table_length = (own_length + 2.0 * REACH_ALONG) * stretch;
+        let table_length = (own_length + 2.0 * RADIUS_ALONG) * stretch;
         let (low, high) = (at(class), at(class + 1));
         let mut across = [[0.0; RANK]; INTERVALS + 1];
         for (out, (a, b)) in across.iter_mut().zip(low.iter().zip(high)) {
@@ -144,10 +144,10 @@ impl Thin {
         }
         ThinKernel {
             across,
-            across_reach: reach as f32,
+            across_radius: radius as f32,
             across_per_pixel: (INTERVALS as f64 / width) as f32,
             along,
-            along_reach: (REACH_ALONG * stretch) as f32,
+            along_radius: (RADIUS_ALONG * stretch) as f32,
             along_per_pixel: ((along.len() - 1) as f64 / table_length) as f32,
         }
     }
@@ -158,7 +158,7 @@ impl ThinKernel<'_> {
     #[inline]
     pub fn along(&self, along: f32, weight: f32) -> Packet {
         let last = self.along.len() - 2;
-        let place = (along + self.along_reach) * self.along_per_pixel;
+        let place = (along + self.along_radius) * self.along_per_pixel;
         let (index, share) = split(place.clamp(0.0, (last + 1) as f32), last);
         let (low, high) = (&self.along[index], &self.along[index + 1]);
         let mut packet = [0.0; RANK];
@@ -192,7 +192,7 @@ impl ThinKernel<'_> {
         // Plain loops over arrays, which become vector instructions.
         let (mut indices, mut shares) = ([0; THIN_LANES], [0.0; THIN_LANES]);
         for lane in 0..THIN_LANES {
-            let place = (across + step * lane as f32 + self.across_reach) * self.across_per_pixel;
+            let place = (across + step * lane as f32 + self.across_radius) * self.across_per_pixel;
             (indices[lane], shares[lane]) = split(place.clamp(0.0, INTERVALS as f32), INTERVALS - 1);
         }
         let mut lights = [0.0; THIN_LANES];
@@ -280,8 +280,8 @@ fn tabulate_across(profiles: &[Profile]) -> Vec<[Packet; INTERVALS + 1]> {
         let scale = libm::exp2(f64::from(class as f32 / WIDTHS_PER_OCTAVE + FIRST_WIDTH_LOG2));
         for angle in 0..ANGLES {
             let (sin, cos) = libm::sincos(FRAC_PI_4 * angle as f64 / (ANGLES - 1) as f64);
-            let (width, reach) = span_across(scale);
-            let place = |i: usize| width * i as f64 / INTERVALS as f64 - reach;
+            let (width, radius) = span_across(scale);
+            let place = |i: usize| width * i as f64 / INTERVALS as f64 - radius;
             // The outermost nodes stay zero, and so does every place beyond them.
             let mut table = [[0.0; RANK]; INTERVALS + 1];
             for (i, packet) in table.iter_mut().enumerate().skip(1).take(INTERVALS - 1) {
@@ -297,9 +297,9 @@ fn tabulate_across(profiles: &[Profile]) -> Vec<[Packet; INTERVALS + 1]> {
 fn tabulate_along(profiles: &[Profile]) -> Vec<Vec<Packet>> {
     let table = |class: usize| {
         let scale = libm::exp2(f64::from(class as f32 / LENGTHS_PER_OCTAVE + FIRST_LENGTH_LOG2));
-        let length = scale + 2.0 * REACH_ALONG;
+        let length = scale + 2.0 * RADIUS_ALONG;
         let intervals = ((3.0 * length) as usize).clamp(24, 512);
-        let place = |i: usize| length * i as f64 / intervals as f64 - REACH_ALONG;
+        let place = |i: usize| length * i as f64 / intervals as f64 - RADIUS_ALONG;
         let packet = |i: usize| {
             if i == 0 || i == intervals {
                 return [0.0; RANK];

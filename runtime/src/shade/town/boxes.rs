@@ -64,8 +64,8 @@ impl Solid {
 
     fn bounds(&self) -> (Vec3, Vec3) {
         let (x, y) = (self.axis.x.abs(), self.axis.y.abs());
-        let reach = Vec2::new(x * self.half.x + y * self.half.y, y * self.half.x + x * self.half.y);
-        ((self.centre - reach).extend(self.foot), (self.centre + reach).extend(self.top))
+        let half_extent = Vec2::new(x * self.half.x + y * self.half.y, y * self.half.x + x * self.half.y);
+        ((self.centre - half_extent).extend(self.foot), (self.centre + half_extent).extend(self.top))
     }
 
     /// The world's `v` along the box's own axes.

@@ -50,7 +50,7 @@ impl Wall {
     /// The wall at `at` (m along it and above its foot), averaged over a square `footprint` m wide.
     ///
     /// `wall` is the side of the box, `size` the wall's length and height: windows keep off its edges.
-    pub fn look(windows: &Windows, wall: u32, at: Vec2, size: Vec2, footprint: f32) -> Self {
+    pub fn sample(windows: &Windows, wall: u32, at: Vec2, size: Vec2, footprint: f32) -> Self {
         let pitch = Vec2::from_array(windows.pitch);
         // Whole windows only, centred on the wall.
         let counts = (size / pitch).floor();
@@ -104,12 +104,12 @@ mod tests {
         /// Some 10 000 windows of relative deviation near 2, and storeys lit together.
         const SAMPLING: f32 = 0.08;
         let windows = windows(0.3);
-        let wide = Wall::look(&windows, 1, SIZE * 0.5, SIZE, 200.0);
+        let wide = Wall::sample(&windows, 1, SIZE * 0.5, SIZE, 200.0);
         let mut sum = Wall::default();
         let count = 150 * 150;
         for i in 0..count {
             let at = Vec2::new(52.0 + (i % 150) as f32 * 1.3, 80.0 + (i / 150) as f32 * 1.3);
-            let seen = Wall::look(&windows, 1, at, SIZE, 1.3);
+            let seen = Wall::sample(&windows, 1, at, SIZE, 1.3);
             sum.glass += seen.glass / count as f32;
             for band in 0..3 {
                 sum.emission[band] += seen.emission[band] / count as f32;
@@ -123,11 +123,11 @@ mod tests {
 
     #[test]
     fn dark_houses_are_dark_and_edges_have_no_windows() {
-        let dark = Wall::look(&windows(0.0), 0, SIZE * 0.5, SIZE, 1.0);
+        let dark = Wall::sample(&windows(0.0), 0, SIZE * 0.5, SIZE, 1.0);
         assert_eq!(dark.emission, [0.0; 3]);
-        let edge = Wall::look(&windows(1.0), 0, Vec2::new(0.1, 0.1), SIZE, 0.05);
+        let edge = Wall::sample(&windows(1.0), 0, Vec2::new(0.1, 0.1), SIZE, 0.05);
         assert_eq!(edge, Wall::default());
-        let small = Wall::look(&windows(1.0), 0, Vec2::new(1.0, 1.0), Vec2::new(2.0, 2.0), 0.5);
+        let small = Wall::sample(&windows(1.0), 0, Vec2::new(1.0, 1.0), Vec2::new(2.0, 2.0), 0.5);
         assert_eq!(small, Wall::default());
     }
 }

@@ -149,10 +149,10 @@ impl Town {
             // Radiance × area it covers = intensity: spread over a disc not below a pixel's own blur.
             let sigma = (LAMP_RADIUS * per_metre).max(0.6);
             let (cx, cy) = (place.pixel.x as f32, place.pixel.y as f32);
-            let reach = (3.0 * sigma).ceil();
+            let radius = (3.0 * sigma).ceil();
             let range = |middle: f32, count: usize| {
-                let low = (middle - reach).max(0.0) as usize;
-                let high = (middle + reach + 1.0).clamp(0.0, count as f32) as usize;
+                let low = (middle - radius).max(0.0) as usize;
+                let high = (middle + radius + 1.0).clamp(0.0, count as f32) as usize;
                 low..high
             };
             let scale = per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);

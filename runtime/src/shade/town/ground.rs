@@ -7,7 +7,7 @@ use squall_formats::section::town::{Ground, Road};
 /// What a spot of ground is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Soil {
-    /// Share of light reflected all around, wet as it is, per channel, in [0, 1].
+    /// Share of light reflected all around, wet as it is, per colour, in [0, 1].
     pub albedo: [f32; 3],
     /// Share of the spot whose top is a water surface, in [0, 1].
     pub wet: f32,
@@ -70,7 +70,7 @@ impl Material {
     }
 
     /// The ground at a spot, averaged over `footprint` m.
-    pub fn look(&self, spot: Vec2, footprint: f32) -> Soil {
+    pub fn sample(&self, spot: Vec2, footprint: f32) -> Soil {
         let road = self.road_at(spot);
         let land = road.is_none();
         let shore = self.shores[usize::from(land)];
@@ -119,7 +119,7 @@ mod tests {
         for share in [0.0, 0.2, 0.6] {
             let material = material(share);
             let spots = (0..40_000).map(|i| Vec2::new((i % 40) as f32 * 0.19 - 3.7, (i / 40) as f32 - 499.0));
-            let wet = spots.map(|spot| material.look(spot, 0.02).wet).sum::<f32>() / 40_000.0;
+            let wet = spots.map(|spot| material.sample(spot, 0.02).wet).sum::<f32>() / 40_000.0;
             assert!((wet - share).abs() < SAMPLING, "{share}: {wet}");
         }
     }
@@ -130,8 +130,8 @@ mod tests {
         assert!(material.road_at(Vec2::new(3.9, 0.0)).is_some());
         assert!(material.road_at(Vec2::new(4.1, 0.0)).is_none());
         assert!(material.road_at(Vec2::new(0.0, 501.0)).is_none());
-        let line = material.look(Vec2::new(0.0, -498.0), 0.01).albedo[0];
-        let lane = material.look(Vec2::new(2.0, -498.0), 0.01).albedo[0];
+        let line = material.sample(Vec2::new(0.0, -498.0), 0.01).albedo[0];
+        let lane = material.sample(Vec2::new(2.0, -498.0), 0.01).albedo[0];
         assert!(line > 3.0 * lane, "{line} {lane}");
     }
 }

@@ -15,7 +15,7 @@ use glam::{Vec2, Vec3};
 pub struct SceneLight {
     /// Where, m.
     pub position: Vec3,
-    /// Radiant intensity per channel, W/sr.
+    /// Radiant intensity per colour, W/sr.
     pub intensity: [f32; 3],
     /// Share of it that arrives through rain and cloud, in [0, 1].
     pub visibility: f32,
@@ -69,7 +69,7 @@ pub struct Mirror {
 /// Irradiance below which a light is not worth its cosine, W/m² per W/m² of the brightest.
 const FAINT: f32 = 1e-7;
 
-/// Irradiance of one point on a surface, per channel, without shadow.
+/// Irradiance of one point on a surface, per colour, without shadow.
 fn irradiance(light: &SceneLight, point: Vec3, normal: Vec3) -> [f32; 3] {
     let way = light.position - point;
     let squared = way.length_squared().max(1e-6);
@@ -271,7 +271,7 @@ mod tests {
     const MIRROR: Mirror = Mirror { facets: 64, sample: [0, 1], shift: Vec2::ZERO, angle: 1e-3, points: 1.0 };
 
     /// Looks from 2 m above the wet plain at a spot ahead, away from the tower.
-    fn look(ahead: f32, lighting: &Lighting) -> [f32; 3] {
+    fn radiance_of(ahead: f32, lighting: &Lighting) -> [f32; 3] {
         let town = small_town();
         let eye = Vec3::new(0.0, -50.0, 2.0);
         let direction = Vec3::new(0.0, -ahead, -2.0).normalize();
@@ -294,8 +294,8 @@ mod tests {
         const RIPPLED: f32 = 0.03;
         for ahead in [1.0f32, 4.0, 12.0] {
             let cosine = 2.0 / (ahead * ahead + 4.0).sqrt();
-            let seen = look(ahead, &Lighting { leaves: &|_, _| [3.0; 3], ..NOTHING })[0];
-            let town_lamp = look(ahead, &NOTHING)[0];
+            let seen = radiance_of(ahead, &Lighting { leaves: &|_, _| [3.0; 3], ..NOTHING })[0];
+            let town_lamp = radiance_of(ahead, &NOTHING)[0];
             let wanted = 3.0 * water_reflectance(cosine);
             let mirrored = seen - town_lamp;
             assert!((mirrored / wanted - 1.0).abs() < RIPPLED, "{ahead}: {mirrored} against {wanted}");

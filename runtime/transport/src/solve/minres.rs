@@ -2,7 +2,7 @@
 
 use super::passes::Sums;
 use super::{SolveBuffers, Solver};
-use crate::lanes::{Kernel, Lanes};
+use crate::lanes::{Lanes, SimdKernel};
 use fearless_simd::Simd;
 
 /// MINRES on E(I − K) e = r with r in `newest`, of norm `residual`; adds e to the solution. Ends when every lane's
@@ -73,7 +73,7 @@ impl Recurrence {
     }
 }
 
-impl<P: Lanes, const M: usize> Kernel for Minres<'_, P, M> {
+impl<P: Lanes, const M: usize> SimdKernel for Minres<'_, P, M> {
     type Output = Vec<u32>;
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Passes over all cells: residual of a solution, and the last sweep that gathers its moments.
 
 use super::{GATHERED, SolveBuffers, Solver};
-use crate::lanes::{Kernel, Lanes};
+use crate::lanes::{Lanes, SimdKernel};
 use crate::sweep::Leak;
 use fearless_simd::Simd;
 
@@ -40,7 +40,7 @@ pub(super) struct Residual<'a, P, const M: usize> {
     pub(super) buffers: &'a mut SolveBuffers<P, M>,
 }
 
-impl<P: Lanes, const M: usize> Kernel for Residual<'_, P, M> {
+impl<P: Lanes, const M: usize> SimdKernel for Residual<'_, P, M> {
     type Output = Vec<f64>;
 
     #[inline(always)]
@@ -74,7 +74,7 @@ pub(super) struct Gather<'a, P, const M: usize> {
     pub(super) leak: Option<&'a mut Leak>,
 }
 
-impl<P: Lanes, const M: usize> Kernel for Gather<'_, P, M> {
+impl<P: Lanes, const M: usize> SimdKernel for Gather<'_, P, M> {
     type Output = Vec<f64>;
 
     #[inline(always)]

@@ -4,7 +4,7 @@
 //! other in x go along a row together, from both ends, so that while one waits for its cell the other works.
 
 use super::faces::{CellCoefficients, FaceWeights, Faces, Leak};
-use crate::lanes::{Kernel, Lanes};
+use crate::lanes::{Lanes, SimdKernel};
 use crate::quadrature::Ordinate;
 use fearless_simd::Simd;
 use squall_formats::GridShape;
@@ -88,7 +88,7 @@ pub(crate) struct SingleKernel<'a, D, const M: usize, const O: usize> {
     pub leak: Option<&'a mut Leak>,
 }
 
-impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M, O> {
+impl<D: Lanes, const M: usize, const O: usize> SimdKernel for SingleKernel<'_, D, M, O> {
     type Output = ();
 
     #[inline(always)]
@@ -111,7 +111,7 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
                 for y_step in 0..ny {
                     let y = if pair.forward[0] { y_step } else { ny - 1 - y_step };
                     let row = self.shape.index(0, y, z);
-                    let cells = Row {
+                    let cells = CellRow {
                         extinction: &self.cells.extinction[row..row + nx],
                         root: &self.cells.root_scattering[row..row + nx],
                         source: &self.source[row..row + nx],
@@ -142,7 +142,7 @@ impl<D: Lanes, const M: usize, const O: usize> Kernel for SingleKernel<'_, D, M,
 }
 
 /// One row of cells along x.
-struct Row<'a, const M: usize> {
+struct CellRow<'a, const M: usize> {
     extinction: &'a [f32],
     /// √ of the scattering coefficient.
     root: &'a [f32],
@@ -157,7 +157,7 @@ struct RowFaces<'a, D> {
     z: &'a mut [[D; 2]],
 }
 
-impl<const M: usize> Row<'_, M> {
+impl<const M: usize> CellRow<'_, M> {
     /// Sweeps the row from both ends; returns what leaves it by them.
     #[inline(always)]
     fn sweep<S: Simd, D: Lanes, const O: usize>(
