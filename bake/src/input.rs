@@ -143,7 +143,7 @@ pub fn read_text(path: &Path, what: &str) -> Result<String, BakeError> {
 
 /// Whether bytes may be text: text has no zero bytes.
 pub(crate) fn may_be_text(start: &[u8]) -> bool {
-    !start.iter().any(|&byte| byte == 0)
+    !start.contains(&0)
 }
 
 /// A grid's values, and which file they came from.

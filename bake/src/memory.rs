@@ -1,4 +1,4 @@
-//! What a bake or a solve will take of memory, told before the work from cells, sources, channels and threads, and what there is.
+//! What a bake or a solve will take of memory, told before the work from cells, sources, coefficients and threads, and what there is.
 //!
 //! Figures are counted from the arrays that the code holds at once, in bytes a cell; measured peaks of resident memory are in
 //! docs/transport.md. An estimate is for refusing what cannot fit, with a word what would.
@@ -25,6 +25,10 @@ const BAKE_MOMENTS: u64 = 4;
 const DIRECTIONS: u64 = 26;
 /// Values per solve cell that prepared grids hold: extinction, its scaled twin, the root of its scattering, the cell's parent.
 const PREPARED: u64 = 5;
+/// Rows solved before they are gathered.
+const GROUP: u64 = 256;
+/// Rows that a stroke touches, about.
+const ROWS_OF_A_STROKE: u64 = 16;
 /// Bytes that a coefficient of a coded row takes, about: most are zero.
 const CODED: f64 = 0.25;
 
@@ -86,27 +90,30 @@ pub fn of_solve(cells: u64, refine: u32, directions: u64) -> Estimate {
     Estimate { shared, thread: 0, threads: 1, cells }
 }
 
-/// Memory of baking `rows` of `basis` a cell for the response of a grid of `cells`.
+/// Memory of baking `rows` of `coefficients` a cell for the response of a grid of `cells`.
 fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate {
     let settings = &clouds.response;
     let (lanes, harmonics) = (BATCH as u64, MAX_HARMONICS as u64);
-    let basis = settings.basis.count() as u64;
+    let coefficients = settings.basis.count() as u64;
     let fine = cells.saturating_mul(u64::from(settings.refine).saturating_pow(3));
     let in_rows = settings.direct == DirectTerm::InRows;
     // A batch: the solver's vectors and what it gathers, a lane a light; direct light of one.
     let of_fine = ((VECTORS - 1) * BAKE_MOMENTS + harmonics) * lanes + BAKE_MOMENTS + 1 + harmonics;
     let towards = if in_rows { DIRECTIONS } else { 0 };
-    let of_cell = towards * lanes + harmonics + 3 * basis;
+    let of_cell = towards * lanes + harmonics + 3 * coefficients;
     let thread = fine.saturating_mul((of_fine + towards) * VALUE).saturating_add(cells * of_cell * VALUE);
     // A held-out stroke: its truth and its direct part in all directions, and its rows' sum.
     let strokes = u64::from(clouds.held_out_strokes);
-    let stroke = cells * (2 * DIRECTIONS + 1 + basis) * VALUE;
+    let stroke = cells * (2 * DIRECTIONS + 1 + coefficients) * VALUE;
     // Rows are held as they are coded, as a section and once more as an asset to score.
-    let coded = 3.0 * CODED * rows as f64 * basis as f64 * cells as f64;
+    // Rows that strokes are split over stay as they were solved until their group of batches is done.
+    let held = rows.min(GROUP).min(strokes * ROWS_OF_A_STROKE).saturating_mul(cells * coefficients * VALUE);
+    let coded = 3.0 * CODED * rows as f64 * coefficients as f64 * cells as f64;
     let shared = PROGRAM
         .saturating_add(fine.saturating_mul(PREPARED * VALUE))
         .saturating_add(cells * 2 * VALUE)
         .saturating_add(strokes.saturating_mul(stroke))
+        .saturating_add(held)
         .saturating_add(coded as u64);
     let batches = rows.div_ceil(lanes).max(1);
     Estimate { shared, thread, threads: threads.min(batches).min(lanes), cells }
@@ -142,11 +149,12 @@ fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeE
     Ok(site.place_lights(site.usual_spacing_m())?.wanted_count() as u64)
 }
 
-/// Cells of a scene's grid by its own words, without reading it; none where they do not say.
+/// Cells of a scene's grid by its own words, without reading it; none where they do not say, or say more than any grid may have.
 pub fn cells_of(scene: &Path) -> Option<u64> {
     let file: serde_json::Value = crate::input::read_json(scene, "a scene (SCENE.json)").ok()?;
     let counts = file.get("dims_xyz")?.as_array()?;
-    counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))
+    let cells = counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))?;
+    (cells <= squall_formats::Limits::default().cells as u64).then_some(cells)
 }
 
 /// How much memory the work may take.

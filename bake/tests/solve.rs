@@ -94,7 +94,7 @@ fn fields_and_pictures_have_the_scenes_dims_and_the_report_says_how_they_came_ab
     let scene = write_scene(folder.path(), &scene(), &density());
     let out = folder.path().join("new/folder");
     let ran = solve(&scene, "inside", &out, &[]);
-    assert_eq!((ran.code, ran.error.as_str()), (0, ""), "nothing on stderr when it is no terminal");
+    assert_eq!((ran.code, ran.out.as_str()), (0, ""), "words go to standard error");
     assert!(ran.error.contains("residual") && ran.error.contains("energy balance"), "{}", ran.error);
     let mut names: Vec<String> =
         std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();

@@ -22,7 +22,7 @@ use std::f64::consts::PI;
 
 pub use shell::View;
 
-/// N0 of Marshall and Palmer: drops per m³ and mm of diameter, continued to D = 0. [marshall-palmer]
+/// N0 of Marshall and Palmer: drops per m³ and mm of diameter, continued to D = 0. \[marshall-palmer\]
 pub const INTERCEPT: f64 = 8000.0;
 /// Λ at R = 1 mm/h, 1/mm.
 const SLOPE_AT_ONE: f64 = 4.1;
@@ -34,7 +34,7 @@ pub const BEST_BELOW: Millimetres = Millimetres(0.5);
 /// Diameters that the default classes span: Bentley's 1/50 to 1/3 inch. [bentley-1904]
 pub const DEFAULT_DIAMETERS: [Millimetres; 2] = [Millimetres(25.4 / 50.0), Millimetres(25.4 / 3.0)];
 
-/// Λ(R) = 4.1 R^−0.21, 1/mm. Falls from +∞ at R = 0; a negative R counts as 0. [marshall-palmer], [weber] eq. 8.
+/// Λ(R) = 4.1 R^−0.21, 1/mm. Falls from +∞ at R = 0; a negative R counts as 0. \[marshall-palmer\], \[weber\] eq. 8.
 pub fn slope(rate: MillimetresPerHour) -> f64 {
     if rate.0 > 0.0 { SLOPE_AT_ONE * libm::pow(rate.0, SLOPE_POWER) } else { f64::INFINITY }
 }
@@ -44,7 +44,7 @@ pub fn rate_of_slope(slope: f64) -> MillimetresPerHour {
     MillimetresPerHour(libm::pow(slope / SLOPE_AT_ONE, 1.0 / SLOPE_POWER))
 }
 
-/// N(D, R) = N0 e^{−ΛD}, drops per m³ and mm of diameter; 0 at R = 0. [marshall-palmer], [weber] eq. 6.
+/// N(D, R) = N0 e^{−ΛD}, drops per m³ and mm of diameter; 0 at R = 0. \[marshall-palmer\], \[weber\] eq. 6.
 pub fn number_density(diameter: Millimetres, rate: MillimetresPerHour) -> f64 {
     if rate.0 > 0.0 { density_at(diameter.0, slope(rate)) } else { 0.0 }
 }
@@ -82,7 +82,7 @@ pub fn fall_speed(diameter: Millimetres) -> MetresPerSecond {
     if diameter < BEST_BELOW { best_speed(diameter) } else { atlas_speed(diameter) }
 }
 
-/// Length that a drop sweeps while the shutter is open: D + vT. [weber] eq. 3.
+/// Length that a drop sweeps while the shutter is open: D + vT. \[weber\] eq. 3.
 pub fn streak_length(diameter: Millimetres, speed: MetresPerSecond, exposure: Seconds) -> Metres {
     Metres(diameter.0 / 1000.0 + speed.0 * exposure.0)
 }

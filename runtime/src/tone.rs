@@ -40,7 +40,7 @@ fn tame(value: f32) -> f32 {
     if value > 0.0 { value.min(BRIGHTEST) } else { 0.0 }
 }
 
-/// The sRGB transfer function: linear light in [0, 1] to a signal in [0, 1]. [srgb]
+/// The sRGB transfer function: linear light in [0, 1] to a signal in [0, 1]. \[srgb\]
 pub fn srgb_from_linear(linear: f32) -> f32 {
     if linear >= 1.0 {
         1.0
@@ -135,7 +135,7 @@ impl Tone {
 }
 
 /// A number in [0, 1) per pixel and colour whose neighbours differ much (interleaved gradient noise): summed
-/// over any small block it covers the interval evenly. [jimenez]
+/// over any small block it covers the interval evenly. \[jimenez\]
 fn pattern(x: usize, y: usize, band: usize) -> f32 {
     let (x, y) = (x as f32 + 47.0 * band as f32, y as f32 + 17.0 * band as f32);
     let inner = 0.067_110_56 * x + 0.005_837_15 * y;

@@ -264,7 +264,8 @@ fn direct(grid: &Grid, scale: f64, light: [f64; 3], cell: usize, towards: [f64; 
 const VIEWPOINT: [f64; 3] = [600.0, -900.0, 80.0];
 const LIGHTS: [([f64; 3], f64); 3] =
     [([-61.0, 22.0, 651.0], 7.0), ([103.0, -48.0, 667.0], 3.0), ([12.0, 71.0, 480.0], 11.0)];
-/// Midpoints beside a light leave some per cent in its neighbours' cells, the runtime's rays less; single cells may differ so.
+/// Midpoints beside a light leave some per cent in its neighbours' cells, and few of the runtime's rays get to the darkest: a
+/// single cell may differ by this share of its J and of a hundredth of the brightest.
 const CELL: f64 = 0.05;
 /// And all of them together, as a root of the sum of squares.
 const TOGETHER: f64 = 0.02;
@@ -311,6 +312,7 @@ fn light_worked_out_from_the_specifications_words_is_the_runtimes() {
         })
         .collect();
 
+    let mut pairs = Vec::new();
     let (mut compared, mut off, mut whole, mut off_with_one_phase) = (0, 0.0, 0.0, 0.0);
     let mut factors = Vec::new();
     for cell in (0..cells).filter(|&cell| grid.extinction[cell] > 0.0) {
@@ -336,13 +338,18 @@ fn light_worked_out_from_the_specifications_words_is_the_runtimes() {
             [sum[0] + intensity * part[0], sum[1] + intensity * part[1]]
         });
         let (wanted, found) = (rows + direct[0], found + f64::from(rays[cell]));
-        assert!((found / wanted - 1.0).abs() < CELL, "cell {cell}: J {wanted} from words, {found}");
+        pairs.push((cell, wanted, found));
         compared += 1;
         whole += wanted * wanted;
         off += (found - wanted) * (found - wanted);
         off_with_one_phase += (found - rows - direct[1]) * (found - rows - direct[1]);
     }
     assert!(compared >= 25, "{compared} cells");
+    let brightest = pairs.iter().fold(0.0f64, |brightest, pair| brightest.max(pair.1));
+    for (cell, wanted, found) in pairs {
+        let allowed = CELL * (wanted + 0.01 * brightest);
+        assert!((found - wanted).abs() < allowed, "cell {cell}: J {wanted} from words, {found}");
+    }
     let (off, one_phase) = ((off / whole).sqrt(), (off_with_one_phase / whole).sqrt());
     assert!(off < TOGETHER, "{off} over {compared} cells");
     // The test can tell: with the cloud's phase function for all of it, J is another.

@@ -69,10 +69,10 @@ fn response_bytes(asset: &Asset) -> u64 {
     asset.directory().entries.iter().find(|entry| entry.tag == ResponseSection::TAG).unwrap().length
 }
 
-/// Rows hardly coded, so that channels alone differ.
+/// Rows hardly coded, so that bases alone differ.
 fn fixed(basis: &str, view_region: &str) -> String {
     format!(
-        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nchannels = \"{basis}\"\nerror = 0.001\n\
+        "[clouds.lightning]\nspacing_m = 250.0\n\n[clouds.response]\nbasis = \"{basis}\"\nerror = 0.001\n\
          test_strokes = 6\n\n{view_region}"
     )
 }

@@ -58,14 +58,13 @@ pub fn run(command: Command) -> anyhow::Result<()> {
 }
 
 fn fit(args: &Fit) -> anyhow::Result<()> {
-    let (mut pictures, mut taken) = (Vec::new(), Vec::new());
+    let mut pictures = Vec::new();
     for path in &args.pictures {
         let one = grey_of(&picture_file(path)?, args.layer.as_deref())?;
         if one.assumed {
             eprintln!("note: {}: taken as {}", path.display(), one.how);
         }
         pictures.push(one.picture);
-        taken.push(one.how);
     }
     let sources: Vec<Source> = args
         .pictures
@@ -79,13 +78,12 @@ fn fit(args: &Fit) -> anyhow::Result<()> {
         let sheet = preview::contact_sheet(&pictures, &patterns);
         output::write_atomically(path, |out| preview::write_png8(&sheet, out))?;
     }
-    let lines = sources.iter().zip(&patterns).zip(&taken);
+    let lines = sources.iter().zip(&patterns);
     if args.json {
         let rows: Vec<serde_json::Value> = lines
-            .map(|((source, pattern), how)| {
+            .map(|(source, pattern)| {
                 serde_json::json!({
                     "file": source.file.to_string_lossy(),
-                    "taken_as": how,
                     "method": pattern.method.name(),
                     "terms": pattern.pattern.terms(),
                     "psnr_db": pattern.psnr_db,
@@ -98,7 +96,7 @@ fn fit(args: &Fit) -> anyhow::Result<()> {
         return Ok(());
     }
     say!("{:>9}  {:>5}  {:>7}  {:>6}  {:>5}  picture", "method", "terms", "PSNR dB", "SSIM", "bytes");
-    for ((source, pattern), _) in lines {
+    for (source, pattern) in lines {
         say!(
             "{:>9}  {:>5}  {:>7.2}  {:>6.3}  {:>5}  {}",
             pattern.method.name(),

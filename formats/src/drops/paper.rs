@@ -1,4 +1,4 @@
-//! The forms that the rain paper prints, where they differ from what the parent module uses. [weber]
+//! The forms that the rain paper prints, where they differ from what the parent module uses. \[weber\]
 //!
 //! They are the baseline that charts compare with; each says what is wrong with it.
 
@@ -8,7 +8,7 @@ use crate::units::{MetresPerSecond, Millimetres, MillimetresPerHour, PerKilometr
 /// Millimetres in an inch: Bentley measured in fractions of one.
 const INCH: f64 = 25.4;
 
-/// Names of Bentley's classes, [weber] Table A.3.
+/// Names of Bentley's classes, \[weber\] Table A.3.
 pub const CLASS_NAMES: [&str; 5] = ["very small", "small", "medium", "large", "very large"];
 
 /// Bentley's class edges, 1/50 … 1/3 inch, with the gaps between them. [bentley-1904]
@@ -21,7 +21,7 @@ pub const CLASSES: [[Millimetres; 2]; 5] = [
     [Millimetres(INCH / 5.0), Millimetres(INCH / 3.0)],
 ];
 
-/// The same edges as [weber] Table A.5 prints them.
+/// The same edges as \[weber\] Table A.5 prints them.
 pub const CLASSES_AS_PRINTED: [[Millimetres; 2]; 5] = [
     [Millimetres(0.51), Millimetres(0.85)],
     [Millimetres(0.85), Millimetres(1.41)],
@@ -30,19 +30,19 @@ pub const CLASSES_AS_PRINTED: [[Millimetres; 2]; 5] = [
     [Millimetres(5.08), Millimetres(8.47)],
 ];
 
-/// Drops per m³ of a class by one left rectangle, N(from) (to − from); [weber] Table A.3.
+/// Drops per m³ of a class by one left rectangle, N(from) (to − from); \[weber\] Table A.3.
 /// Over-counts wherever the distribution falls within the class: 46 printed for medium drops in light
 /// rain, 8.1 exact.
 pub fn drops_per_volume(from: Millimetres, to: Millimetres, rate: MillimetresPerHour) -> f64 {
     number_density(from, rate) * (to.0 - from.0)
 }
 
-/// v = 200 √(D/2000), [weber] eq. 4. Against measured speeds +53 % at 0.5 mm, +11 % at 1 mm, +17 % at 5.8 mm.
+/// v = 200 √(D/2000), \[weber\] eq. 4. Against measured speeds +53 % at 0.5 mm, +11 % at 1 mm, +17 % at 5.8 mm.
 pub fn fall_speed(diameter: Millimetres) -> MetresPerSecond {
     MetresPerSecond(200.0 * (diameter.0.max(0.0) / 2000.0).sqrt())
 }
 
-/// β = 0.312 R^0.67, [weber] eq. 9; per KILOMETRE, which the paper says only in a table's caption.
+/// β = 0.312 R^0.67, \[weber\] eq. 9; per KILOMETRE, which the paper says only in a table's caption.
 /// A fit of its own, not the integral of the paper's drop sizes: 12 % under it at 2 mm/h, 2 % over at 75.
 pub fn extinction(rate: MillimetresPerHour) -> PerKilometre {
     PerKilometre(if rate.0 > 0.0 { 0.312 * libm::pow(rate.0, 0.67) } else { 0.0 })
@@ -52,7 +52,7 @@ pub fn extinction(rate: MillimetresPerHour) -> PerKilometre {
 mod tests {
     use super::*;
 
-    /// [weber] Table A.3, drops per m³ for the rates of Table A.2.
+    /// \[weber\] Table A.3, drops per m³ for the rates of Table A.2.
     const TABLE_A3: [(f64, [f64; 5]); 4] = [
         (2.0, [448.0, 225.0, 46.0, 0.0, 0.0]),
         (5.0, [613.0, 380.0, 122.0, 0.0, 0.0]),

@@ -7,7 +7,7 @@
 //! | h      | `height_px`                    | px   |
 //! | z      | planar depth along the view    | m    |
 //!
-//! z(l) = L h / (2 l tan(fov/2)), [weber] eq. 2 with fov vertical. Since z falls as l grows, streaks of
+//! z(l) = L h / (2 l tan(fov/2)), \[weber\] eq. 2 with fov vertical. Since z falls as l grows, streaks of
 //! l_min … l_max pixels stand between z(l_max) and z(l_min), and the volume of contiguous windows
 //! telescopes: it depends on the end points alone.
 
@@ -74,7 +74,7 @@ impl View {
         self.height_px / (2.0 * libm::tan(0.5 * self.vertical_fov.0))
     }
 
-    /// Planar depth at which `length` metres cover `px` pixels. [weber] eq. 2.
+    /// Planar depth at which `length` metres cover `px` pixels. \[weber\] eq. 2.
     pub fn distance(&self, length: Metres, px: f64) -> Metres {
         Metres(length.0 * self.focal_px() / px)
     }

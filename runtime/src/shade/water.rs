@@ -35,7 +35,7 @@ pub fn fresnel_reflectance(cosine: f32, index: f32) -> f32 {
 /// Radiance towards the eye per unit irradiance at normal incidence (so per W/m² of I/d²) from one point light on
 /// rippled water, 1/sr.
 ///
-/// Beckmann's slope distribution and the V-groove masking of Torrance and Sparrow [cook-torrance]; the cosine
+/// Beckmann's slope distribution and the V-groove masking of Torrance and Sparrow \[cook-torrance\]; the cosine
 /// of incidence is included. Zero when light or eye is below the surface.
 pub fn rippled_highlight(normal: Vec3, to_light: Vec3, to_viewer: Vec3, slope: f32) -> f32 {
     let (light, eye) = (normal.dot(to_light), normal.dot(to_viewer));

@@ -128,7 +128,8 @@ fn a_pngs_colour_chunks_are_obeyed_in_their_order() {
     let stored = 188.0 / 255.0;
     let gamma_22: &[u8] = &45_455u32.to_be_bytes();
     let gamma_1: &[u8] = &100_000u32.to_be_bytes();
-    let chunks: [(&[(&[u8; 4], &[u8])], f32, bool); 8] = [
+    type Chunk<'a> = (&'a [u8; 4], &'a [u8]);
+    let chunks: [(&[Chunk<'_>], f32, bool); 8] = [
         (&[], stored, true),
         (&[(b"gAMA", gamma_1)], stored, false),
         (&[(b"gAMA", gamma_22)], libm::powf(stored, 2.2), false),

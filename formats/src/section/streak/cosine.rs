@@ -1,4 +1,4 @@
-//! A constant and cosines under a window. [weber] eq. 1 with a plus where × is printed, and with the
+//! A constant and cosines under a window. \[weber\] eq. 1 with a plus where × is printed, and with the
 //! constant that the printed sum leaves out.
 
 use super::kind::Kind;
@@ -13,7 +13,7 @@ pub const MAX_TERMS: usize = 1024;
 const CONSTANT_STEPS: f64 = 4096.0;
 /// Largest code of a 12-bit number without and with a sign.
 const UNSIGNED_MAX: i64 = 4095;
-const SIGNED: [i64; 2] = [-2048, 2047];
+const SIGNED_MAX: i64 = 2047;
 /// Steps of a phase, one full turn.
 const PHASE_STEPS: f64 = 4096.0;
 /// Finest step of frequencies and amplitudes: 2^−15.
@@ -102,20 +102,18 @@ impl CosinePattern {
         self.window.write(pool);
         pool.extend((nearest(self.constant * CONSTANT_STEPS, -32_768, 32_767) as i16).to_le_bytes());
         let terms: Vec<Cosine> = self.terms.iter().take(MAX_TERMS).map(Cosine::normalised).collect();
-        let ends = |value: fn(&Cosine) -> f64| {
-            let values = || terms.iter().map(value);
-            [values().fold(0.0, f64::min), values().fold(0.0, f64::max)]
-        };
-        let across = step_exponent(ends(|term| term.across), [0, UNSIGNED_MAX]);
-        let along = step_exponent(ends(|term| term.along), SIGNED);
-        let amplitude = step_exponent(ends(|term| term.amplitude), [0, UNSIGNED_MAX]);
+        let largest = |value: fn(&Cosine) -> f64| terms.iter().map(value).fold(0.0, f64::max);
+        let across = step_exponent(largest(|term| term.across), UNSIGNED_MAX);
+        // By the size of G, so that −2048 is taken at step 1 alone: elsewhere its half at twice the step says the same.
+        let along = step_exponent(largest(|term| term.along.abs()), SIGNED_MAX);
+        let amplitude = step_exponent(largest(|term| term.amplitude), UNSIGNED_MAX);
         pool.extend([across, along, amplitude]);
         let steps = [across, along, amplitude].map(|exponent| f64::from(1u32 << exponent));
         for term in &terms {
             let phase = nearest(term.phase * (PHASE_STEPS / TAU), 0, 4096) & 0xFFF;
             let fields = [
                 nearest(term.across * steps[0], 0, UNSIGNED_MAX),
-                nearest(term.along * steps[1], SIGNED[0], SIGNED[1]) & 0xFFF,
+                nearest(term.along * steps[1], -SIGNED_MAX - 1, SIGNED_MAX) & 0xFFF,
                 nearest(term.amplitude * steps[2], 0, UNSIGNED_MAX),
                 phase,
             ];
@@ -125,11 +123,8 @@ impl CosinePattern {
     }
 }
 
-/// The finest power-of-two step, as −log₂, in which the smallest and the largest value still fit.
-fn step_exponent(ends: [f64; 2], codes: [i64; 2]) -> u8 {
-    let fits = |&exponent: &u8| {
-        let [low, high] = ends.map(|end| (end * f64::from(1u32 << exponent)).round());
-        low >= codes[0] as f64 && high <= codes[1] as f64
-    };
+/// The finest power-of-two step, as −log₂, in which `largest` still fits.
+fn step_exponent(largest: f64, max_code: i64) -> u8 {
+    let fits = |&exponent: &u8| (largest * f64::from(1u32 << exponent)).round() <= max_code as f64;
     (0..=FINEST).rev().find(fits).unwrap_or(0)
 }
