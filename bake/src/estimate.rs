@@ -2,8 +2,7 @@
 //! was measured once. Nothing is solved and no clock is asked, so that the same recipe is told the same on every machine.
 //!
 //! The number of sweeps that a light takes is the one thing that cannot be counted. It is taken from how far light diffuses in the
-//! grid, and that is what makes the figures right within a factor of three and no better. `cargo test --release -p squall-bake
-//! estimate -- --nocapture` holds them against the clock on recipes that come with the project.
+//! grid, and that is what makes the figures right within a factor of three and no better. docs/pipeline.md has what was told and taken.
 
 use crate::error::BakeError;
 use crate::input::scene::read_scene;

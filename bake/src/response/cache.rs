@@ -8,6 +8,7 @@
 mod store;
 
 use super::job::{HeldOutStroke, Job};
+use crate::output::sweep;
 use crate::provenance::tool;
 use squall_formats::section::response::DirectionalBasis;
 use squall_runtime::relight::PointLight;
@@ -56,6 +57,8 @@ impl ResponseCache {
     /// A cache in `folder`, made when the first row is kept, of about `most_bytes` bytes: what was used least recently goes first.
     pub fn new(folder: &Path, most_bytes: u64) -> Self {
         let store = Store::new(folder, most_bytes);
+        // What a killed bake left half-written, and what another bound has left.
+        sweep(folder);
         store.trim();
         Self { store, found: Default::default(), solved: Default::default() }
     }
