@@ -54,20 +54,22 @@ pub struct CloudWork {
     pub held_out_points: usize,
     /// Sweeps that sixteen lights side by side take, about.
     pub sweeps: f64,
+    /// Seconds of one core for the cloud alone, about.
+    pub cpu_seconds: f64,
     /// Whether `[clouds.budget]` chooses settings: the work is then counted for one bake by the recipe's own or usual ones, and the
     /// search comes on top.
     pub chosen_by_budget: bool,
 }
 
 /// Seconds that a cell of a sweep takes in one direction for sixteen lights, and for one.
-const SWEEP: [f64; 2] = [9e-9, 4e-9];
+const SWEEP: [f64; 2] = [6.5e-9, 3e-9];
 /// Seconds that a ray takes for a cell, and more where it is collected towards 26 directions.
-const RAY: [f64; 2] = [12e-9, 50e-9];
+const RAY: [f64; 2] = [9e-9, 36e-9];
 /// Seconds that coding takes for a coefficient.
-const CODE: f64 = 60e-9;
+const CODE: f64 = 45e-9;
 /// Seconds of fitting a picture of a streak, and of the tables of counts.
-const STREAK: f64 = 1.5;
-const DENSITY: f64 = 1.5;
+const STREAK: f64 = 0.8;
+const DENSITY: f64 = 0.1;
 /// Beams that the two halves of the sky are made of.
 const BEAMS_OF_SKY: f64 = 36.0;
 /// Sweeps over what a diffusion length asks for.
@@ -86,8 +88,9 @@ pub fn estimate(recipe: &Recipe) -> Result<Estimate, BakeError> {
     let mut clouds = None;
     if let Some(part) = &recipe.clouds {
         let cloud = read_scene(&part.scene, part.optics)?.cloud;
-        let work = work(recipe, part, &cloud)?;
-        cpu_seconds += work.seconds(part, &cloud);
+        let mut work = work(recipe, part, &cloud)?;
+        work.cpu_seconds = work.seconds(part, &cloud);
+        cpu_seconds += work.cpu_seconds;
         clouds = Some(work);
     }
     Ok(Estimate {
@@ -115,6 +118,7 @@ fn work(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<CloudWork, Ba
         held_out_strokes: strokes.len(),
         held_out_points: strokes.iter().map(Vec::len).sum(),
         sweeps: sweeps(clouds, cloud),
+        cpu_seconds: 0.0,
         chosen_by_budget: clouds.budget.needs_held_out(),
     })
 }

@@ -42,7 +42,8 @@ fn an_asset_has_the_same_bytes_with_a_cold_a_warm_a_half_warm_and_a_spoilt_cache
         let place = Workplace::new(&format!("{RESPONSE}\n{response}"));
         if response == region {
             let recipe = std::fs::read_to_string(place.path("r.toml")).unwrap();
-            let region = "[clouds.view_region]\nlow_m = [-60.0, -9420.0, 0.0]\nhigh_m = [60.0, -9380.0, 12.0]\n";
+            let region =
+                "[clouds.view_region]\nlow_m = [-60.0, -420.0, 0.0]\nhigh_m = [60.0, -380.0, 12.0]\n";
             std::fs::write(place.path("r.toml"), recipe + region).unwrap();
         }
         let (without, _) = bake(&place, &["--no-cache"]);
@@ -65,7 +66,10 @@ fn an_asset_has_the_same_bytes_with_a_cold_a_warm_a_half_warm_and_a_spoilt_cache
             std::fs::write(file, bytes).unwrap();
         }
         let (bytes, [found, solved, ..]) = bake(&place, &["--cache", "cache"]);
-        assert!(bytes == without && found + solved == ROWS && solved > ROWS / 3, "{response}: {found} {solved}");
+        assert!(
+            bytes == without && found + solved == ROWS && solved > ROWS / 3,
+            "{response}: {found} {solved}"
+        );
         cached("mended", [ROWS, 0, 2, 0]);
         all.iter().for_each(|file| std::fs::write(file, b"nothing of the kind").unwrap());
         cached("spoilt", [0, ROWS, 0, 2]);
@@ -90,7 +94,9 @@ fn twenty_recipes_that_differ_in_a_strokes_seed_solve_the_response_once() {
 #[test]
 fn pruned_variants_share_the_rows_that_both_touch() {
     let pruned = |seed| {
-        let recipe = format!("{RESPONSE}\n[clouds.view_region]\nlow_m = [-60.0, -9420.0, 0.0]\nhigh_m = [60.0, -9380.0, 12.0]");
+        let recipe = format!(
+            "{RESPONSE}\n[clouds.view_region]\nlow_m = [-60.0, -420.0, 0.0]\nhigh_m = [60.0, -380.0, 12.0]"
+        );
         let lightning = "[clouds.lightning]\nprune = true\n";
         (recipe, stroke(seed), lightning)
     };
@@ -127,7 +133,8 @@ fn whatever_light_depends_on_parts_one_recipes_rows_from_anothers() {
     other("delta", &transport("delta_m = false"));
     other("samples", &transport("samples = 2"));
     other("basis", &|recipe| recipe.replace("test_strokes", "basis = \"harmonics-2\"\ntest_strokes"));
-    let optics = |line: &'static str| move |recipe: &str| recipe.replace("[clouds]\n", &format!("[clouds]\n{line}\n"));
+    let optics =
+        |line: &'static str| move |recipe: &str| recipe.replace("[clouds]\n", &format!("[clouds]\n{line}\n"));
     other("albedo", &optics("albedo = 0.9"));
     other("g", &optics("g = 0.7"));
     other("kappa", &optics("kappa_per_m = 0.05"));

@@ -124,6 +124,7 @@ fn bake_answers_what_it_made_and_measured() {
         ("held_out_strokes", Number),
         ("held_out_points", Number),
         ("sweeps", Number),
+        ("cpu_seconds", Number),
         ("chosen_by_budget", Bool),
     ];
     has(&foreseen["estimate"]["clouds"], &clouds);
@@ -182,7 +183,10 @@ fn inspect_answers_what_is_inside() {
     assert_eq!(found["inputs"][3]["blake3"], hash.as_str());
     assert_eq!(found["strokes"][0]["name"], "a");
     assert_eq!(found["view"]["camera"]["position_m"][1], -400.0);
-    assert_eq!((&found["response"]["prune"], &found["response"]["share_of_bounds"]), (&false.into(), &1.0.into()));
+    assert_eq!(
+        (&found["response"]["prune"], &found["response"]["share_of_bounds"]),
+        (&false.into(), &1.0.into())
+    );
 }
 
 #[test]
@@ -292,8 +296,7 @@ fn solve_and_synth_answer_which_files_they_wrote() {
     }
     let scene = std::fs::read_to_string(place.path("cloud.json")).unwrap();
     let mut scene: Value = serde_json::from_str(&scene).unwrap();
-    scene["lights"] =
-        serde_json::json!([{ "name": "l", "type": "point", "position_m": [0, 0, 500], "intensity_W_per_sr": 1 }]);
+    scene["lights"] = serde_json::json!([{ "name": "l", "type": "point", "position_m": [0, 0, 500], "intensity_W_per_sr": 1 }]);
     std::fs::write(place.path("cloud.json"), scene.to_string()).unwrap();
     let solve = ["solve", "cloud.json", "--lamp", "l", "-o", "out", "--json"];
     let both = [

@@ -26,7 +26,7 @@ impl Workplace {
         let recipe = format!(
             "[clouds]\nscene = \"cloud.json\"\n[clouds.lightning]\nlow_m = [-225.0, -160.0, 300.0]\n\
              high_m = [225.0, 160.0, 720.0]\nspacing_m = 150.0\nlongest_m = 300.0\n[clouds.response]\n{response}\n\
-             [rain.density]\nrate_mm_per_h = [1.0, 50.0]\nclasses = 3\nerror = 0.01\n[rain.streaks]\n\
+             [rain.density]\nrate_mm_per_h = [1.0, 100.0]\nclasses = 3\nerror = 0.01\n[rain.streaks]\n\
              pictures = [\"streak0.png\"]\ncosines = 1\n[town]\nfile = \"town.json\"\n\
              [view]\nposition_m = [0.0, -400.0, 2.0]\nheading_deg = 90.0\nsize_px = [32, 18]\n{strokes}"
         );
@@ -136,7 +136,8 @@ fn make_reads_the_dependency_file_whatever_the_names() {
     std::fs::write(place.path("Makefile"), makefile).unwrap();
     let make = |what: &str| {
         let out = format!("{folder}/{what}");
-        let output = std::process::Command::new("make").current_dir(place.0.path()).arg(out).output().unwrap();
+        let output =
+            std::process::Command::new("make").current_dir(place.0.path()).arg(out).output().unwrap();
         assert!(output.status.success(), "{output:?}");
         String::from_utf8(output.stdout).unwrap()
     };
@@ -162,7 +163,9 @@ fn a_check_reads_everything_and_a_dry_run_foresees_the_work_and_neither_bakes() 
     assert!(code == 0 && out.is_empty() && said.contains("r.toml: sound, with 4 inputs"), "{said}");
     let (code, out, said) = place.squall(&["bake", "r.toml", "--dry-run"]);
     assert!(code == 0 && said.is_empty(), "{said}");
-    for words in ["9 × 8 × 4 cells", "64 of 4 × 4 × 4 virtual lights", "2 held-out strokes", "s of processor time"] {
+    for words in
+        ["9 × 8 × 4 cells", "64 of 4 × 4 × 4 virtual lights", "2 held-out strokes", "s of processor time"]
+    {
         assert!(out.contains(words), "{words}: {out}");
     }
     let (_, out, _) = place.squall(&["bake", "r.toml", "--dry-run", "--json"]);
@@ -171,7 +174,8 @@ fn a_check_reads_everything_and_a_dry_run_foresees_the_work_and_neither_bakes() 
     assert!(json["estimate"]["memory_bytes"].as_u64().unwrap() > 1 << 20);
     assert_eq!(std::fs::read_dir(place.0.path()).unwrap().count(), before);
     // Each input that is not what it should be.
-    for (name, bytes) in [("cloud.f32", &b"short"[..]), ("town.json", b"{}"), ("streak0.png", b"no picture")] {
+    for (name, bytes) in [("cloud.f32", &b"short"[..]), ("town.json", b"{}"), ("streak0.png", b"no picture")]
+    {
         let good = std::fs::read(place.path(name)).unwrap();
         std::fs::write(place.path(name), bytes).unwrap();
         for mode in ["--check", "--dry-run"] {
@@ -224,6 +228,10 @@ fn a_stroke_error_that_is_large_or_not_measured_is_warned_of_even_to_the_quiet()
     let said = place.bake(&["--quiet"]);
     assert!(said.starts_with("warning: the stroke error was not measured; test_strokes above 0"), "{said}");
     place.write("basis = \"harmonics-0\"\ntest_strokes = 2", STROKES);
+    // Virtual lights at the corners of the cloud alone.
+    let recipe = std::fs::read_to_string(place.path("r.toml")).unwrap();
+    let coarse = recipe.replace("spacing_m = 150.0\nlongest_m = 300.0", "spacing_m = 450.0\nlongest_m = 450.0");
+    std::fs::write(place.path("r.toml"), coarse).unwrap();
     let said = place.bake(&["--quiet"]);
     assert!(said.contains("warning: the measured stroke error of") && said.contains("spacing_m"), "{said}");
     assert_eq!(said.lines().count(), 1, "{said}");

@@ -128,7 +128,7 @@ fn bake(args: &Args, recipe: &Recipe, file: &Path, bars: &Bars, report: &mut Rep
     let out = Output::prepare(file)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     memory::require_bake(recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
-    let cache = args.cache.open(file, || Ok(estimate(recipe)?.cpu_seconds))?;
+    let cache = args.cache.open(file, || Ok(estimate(recipe)?.clouds.map_or(0.0, |clouds| clouds.cpu_seconds)))?;
     let baked = pipeline::bake_with(recipe, cache.as_ref(), bars)?;
     bars.check()?;
     let length = container::write(&mut std::io::sink(), &baked.sections)?;

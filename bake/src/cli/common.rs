@@ -67,7 +67,7 @@ pub struct CacheArgs {
     cache_size: u64,
 }
 
-/// Processor time from which a bake keeps what it solved without being asked, s.
+/// Processor time of a cloud's response from which a bake keeps what it solved without being asked, s.
 const WORTH_KEEPING: f64 = 2.0;
 
 impl CacheArgs {

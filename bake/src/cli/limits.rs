@@ -80,9 +80,9 @@ fn bettering(clouds: &Clouds) -> String {
         stated => format!(" (now {stated} m)"),
     };
     format!(
-        "a smaller spacing_m in [clouds.lightning]{spacing} and more channels in [clouds.response] lower it, or stroke_l2 in \
+        "a smaller spacing_m in [clouds.lightning]{spacing} and a richer {} lower it, or stroke_l2 in \
          [clouds.budget] chooses both; test_strokes (now {}) say how surely it is measured",
-        clouds.held_out_strokes
+        clouds.keys.basis, clouds.held_out_strokes
     )
 }
 
