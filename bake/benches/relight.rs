@@ -55,7 +55,7 @@ fn main() {
 
     // The stroke whose points touch a hundred virtual lights, as nearly as random strokes give it.
     let cloud = relighter.cloud();
-    let strokes = grown_strokes(cloud, relighter.reach(), |point| relighter.reaches(point), 40.0, 0..64);
+    let strokes = grown_strokes(cloud, relighter.bounds(), |point| relighter.reaches(point), 40.0, 0..64);
     let mut buffers = RelightBuffers::default();
     let mut touched = |lights: &[PointLight]| relighter.weigh(lights, &mut buffers).unwrap().len();
     let stroke = strokes.iter().min_by_key(|lights| touched(lights).abs_diff(SOURCES)).unwrap();

@@ -74,7 +74,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let medium = Medium::beside_streaks(&section, &shot, rate)?;
     let light = Illumination { ambient: [0.45; 3], ..Default::default() };
-    let outlook = Outlook { camera: &camera, volume: weather.volume, light, depth: Some(depth) };
+    let outlook = Outlook { camera: &camera, volume: weather.volume, light, depth: Some(depth.clone()) };
     let mut transmittance = vec![0.0; picture.pixels.len()];
     medium.apply(&outlook, &mut picture, &mut transmittance)?;
     let scene =

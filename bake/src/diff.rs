@@ -224,7 +224,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         return Ok(());
     }
     let Some(views) = common_views(&x, &r, found) else { return Ok(()) };
-    let head = |relighter: &Relighter<'_>| {
+    let head = |relighter: &Relighter| {
         let frame =
             relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
         views.factors(relighter.response().head.basis, frame.as_ref())
@@ -244,9 +244,9 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     }
     if strokes.is_empty() {
         let usable = |point| x.reaches(point) && r.reaches(point);
-        let [low, high] = x.reach();
+        let [low, high] = x.bounds();
         let spacing = (high - low).max_element() / 40.0;
-        strokes = grown_strokes(x.cloud(), x.reach(), usable, spacing, 0..STROKES);
+        strokes = grown_strokes(x.cloud(), x.bounds(), usable, spacing, 0..STROKES);
     }
     if strokes.is_empty() {
         found.cannot(tag, "no stroke that both reach");
@@ -254,7 +254,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     }
     let (mut each, mut tail, mut median) = (Vec::new(), 0.0f64, 0.0f64);
     for lights in &strokes {
-        let light = |relighter: &Relighter<'_>, factors: &ViewFactors| -> Result<Vec<f32>, BakeError> {
+        let light = |relighter: &Relighter, factors: &ViewFactors| -> Result<Vec<f32>, BakeError> {
             let mut buffers = RelightBuffers::default();
             Ok(views.light(&relighter.relight(lights, RelightOptions::default(), &mut buffers)?, factors))
         };
@@ -272,7 +272,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
 
 /// Views of the cells that both assets know, in the 26 directions or towards viewpoints in the view regions of either. Where they differ in either,
 /// that is said; `None` where nothing is left to compare.
-fn common_views(x: &Relighter<'_>, r: &Relighter<'_>, found: &mut Difference) -> Option<Views> {
+fn common_views(x: &Relighter, r: &Relighter, found: &mut Difference) -> Option<Views> {
     let tag = ResponseSection::TAG;
     let words = |view_region: Option<&ViewRegion>| match view_region {
         Some(ViewRegion { low_m, high_m }) => format!("viewpoints between {low_m:?} and {high_m:?} m"),

@@ -1,7 +1,7 @@
 //! Clouds lit by given lamps from an asset: one picture, and per-cell fields in the layout of `squall solve`.
 //!
 //! Lamps inside the asset's reach are split over its virtual sources and relit; those outside are solved for on the spot
-//! (squall_runtime::live), with the discretisation of the rows. Where light that comes straight from the lamps is taken
+//! (squall_runtime::clouds), with the discretisation of the rows. Where light that comes straight from the lamps is taken
 //! from is a choice for assets whose rows hold it ([`DirectFrom`]).
 //!
 //! | field | rows with direct light, taken from the rows | else |
@@ -19,11 +19,13 @@ use crate::response::add_direct;
 use glam::DVec3;
 use squall_formats::section::response::{DirectTerm, DirectionalBasis};
 use squall_formats::sphere;
+use squall_runtime::Clouds;
 use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
+use squall_runtime::clouds::CloudLight;
 use squall_runtime::in_scattered::InScattered;
-use squall_runtime::live::{DirectCells, LiveLight, LiveSolver};
-use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter, Relit};
+use squall_runtime::live::{DirectCells, LiveSolver};
+use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::shade::cloud::direct::ExactDirect;
 use squall_runtime::shade::cloud::{
     Cells, CloudMarch, MarchQuality, WideRay, between, corners, direction_to,
@@ -95,37 +97,20 @@ pub struct LiveReport {
 /// Errors: rows without direct light asked for theirs, a camera or fields that the asset was not baked for, a damaged row, a live
 /// solve that does not converge, an interruption.
 pub fn relight(
-    relighter: &Relighter<'_>,
+    clouds: &mut Clouds,
     lights: &[PointLight],
     (name, camera): (&str, &Camera),
     direct_from: Option<DirectFrom>,
     cells: bool,
     progress: &dyn Progress,
 ) -> Result<(Fields, RelitReport), BakeError> {
-    let (cloud, head) = (relighter.cloud(), &relighter.response().head);
-    relighter.check_camera(camera)?;
-    if let (true, DirectionalBasis::ViewRegion { .. }) = (cells, head.basis) {
-        let wanted = "channels over the whole sphere: the asset's hold light towards eyes alone, and pictures can be made of them";
-        return Err(RuntimeError::argument("fields", wanted, "fluence per cell asked for").into());
-    }
-    let in_rows = head.direct == DirectTerm::InRows;
-    let from = direct_from.unwrap_or(if in_rows { DirectFrom::Rows } else { DirectFrom::Lamps });
-    if from == DirectFrom::Rows && !in_rows {
-        let (wanted, found) = ("\"lamps\": the asset's rows hold no direct light", "\"rows\"");
-        return Err(RuntimeError::argument("direct light", wanted, found).into());
-    }
+    let from = direct_source(clouds.relighter(), camera, direct_from, cells)?;
     let (inside, outside): (Vec<PointLight>, Vec<PointLight>) =
-        lights.iter().partition(|light| relighter.reaches(light.position));
-
-    let start = Instant::now();
-    let mut buffers = RelightBuffers::default();
-    let relit = relighter.relight(&inside, RelightOptions::default(), &mut buffers)?;
-    let relight_ms = start.elapsed().as_secs_f64() * 1e3;
-    let (basis, frame, mut planes) = (relit.basis, relit.frame, relit.planes.to_vec());
-    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
-    let size = norm(&mut planes.iter().map(|&v| f64::from(v)));
-    let bound = norm(&mut relighter.error_bounds(&buffers).into_iter());
-    let virtual_lights = relighter.virtual_lights(&buffers);
+        lights.iter().partition(|light| clouds.is_lit(light.position));
+    let rows = RowCost::measure(clouds.relighter(), &inside)?;
+    let (mut light, live) = lit(clouds, lights, progress)?;
+    let relighter = clouds.relighter();
+    let (cloud, head) = (relighter.cloud(), &relighter.response().head);
 
     let solver = LiveSolver::new(cloud, &head.solver)?;
     let samples = match automatic_samples(head.solver.refine.into_iter().min().unwrap_or(1)) {
@@ -134,15 +119,11 @@ pub fn relight(
     };
     let directions = sphere::directions_26().map(DVec3::from_array);
     let strip = |planes: &mut [f32]| {
-        add_direct(
-            basis,
-            &solver.direct(&virtual_lights, &directions, SAMPLES_OF_ROWS).towards,
-            -1.0,
-            planes,
-        );
+        let direct = solver.direct(&rows.virtual_lights, &directions, SAMPLES_OF_ROWS);
+        add_direct(head.basis, &direct.towards, -1.0, planes);
     };
-    if in_rows && from == DirectFrom::Lamps {
-        strip(&mut planes);
+    if head.direct == DirectTerm::InRows && from == DirectFrom::Lamps {
+        strip(light.planes_mut());
     }
     progress.check()?;
 
@@ -150,99 +131,154 @@ pub fn relight(
         Projection::Orthographic { .. } => vec![-camera.forward],
         Projection::Perspective { .. } => Vec::new(),
     };
-    let outside_direct = solver.direct(&outside, &towards, samples);
-    let live = match outside.is_empty() {
-        true => None,
-        false => Some(solve_outside(&solver, &outside_direct, progress)?),
-    };
     let rays = if from == DirectFrom::Lamps { lights } else { &outside };
     let exact = rays.len() * (camera.width * camera.height) as usize <= EXACT_WORK;
-
-    let mut fields = Fields::default();
-    let rows = Relit { basis, frame, cells: cloud.shape.len(), planes: &planes };
-    let live_coefficients = live.as_ref().map_or(&[][..], |(live, _)| &live.coefficients);
-    let mut lit = InScattered { rows, live: live_coefficients, direct: &[] };
     // Direct light of the lamps that the rows do not answer for, towards an orthographic camera.
-    let cell_direct = (cells || !exact && !towards.is_empty()).then(|| {
-        let mut sum = outside_direct.clone();
-        if from == DirectFrom::Lamps {
-            sum.add(&solver.direct(&inside, &towards, samples));
-        }
-        sum
-    });
+    let cell_direct =
+        (cells || !exact && !towards.is_empty()).then(|| solver.direct(rays, &towards, samples));
     progress.check()?;
+    let mut fields = Fields::default();
     if cells && let Some(direct) = &cell_direct {
-        let mut bare = planes.clone();
+        // Without what the rows hold of direct light, and that light apart.
+        let mut planes = light.relit().planes.to_vec();
         let mut known = direct.clone();
         if from == DirectFrom::Rows {
-            strip(&mut bare);
-            known.add(&solver.direct(&virtual_lights, &[], SAMPLES_OF_ROWS));
+            strip(&mut planes);
+            known.add(&solver.direct(&rows.virtual_lights, &[], SAMPLES_OF_ROWS));
         }
-        let bare = InScattered { rows: Relit { planes: &bare, ..rows }, ..lit };
-        // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
-        let known_cells = relighter.known_cells();
-        let known_in = |cell: usize, value: f32| if known_cells[cell] { value } else { 0.0 };
-        let scattered =
-            (0..cloud.shape.len()).map(|cell| known_in(cell, bare.fluence(cell) + known.forward[cell]));
-        fields.phi_scattered = scattered.collect::<Vec<f32>>().into();
-        fields.phi_direct = known.unscattered.into();
+        light.planes_mut().swap_with_slice(&mut planes);
+        fluence_fields(relighter, &light, &known, &mut fields);
+        light.planes_mut().swap_with_slice(&mut planes);
         if let Some(&towards) = towards.first() {
-            let mut j = vec![0.0; cloud.shape.len()];
-            lit.towards_each(cloud, |_, _| towards, &mut j);
-            j.iter_mut().zip(&direct.towards).for_each(|(sum, value)| *sum += value);
-            j.iter_mut().enumerate().for_each(|(cell, value)| *value = known_in(cell, *value));
-            fields.towards.push((name.to_owned(), j.into()));
-        }
-        if known_cells.contains(&false) {
-            let seen = known_cells.iter().map(|&known| f32::from(u8::from(known)));
-            fields.seen = Some(seen.collect::<Vec<f32>>().into());
+            towards_field(relighter, (&light, &direct.towards), (name, towards), &mut fields);
         }
     }
 
-    let lights: Vec<Light> = rays.iter().filter(|_| exact).map(|&light| light.into()).collect();
     let direct = match cell_direct {
         _ if exact => Vec::new(),
         Some(direct) if !towards.is_empty() => direct.towards,
         _ => towards_viewer(relighter, rays, camera),
     };
-    lit.direct = &direct;
+    let exact_lights: Vec<Light> = rays.iter().filter(|_| exact).map(|&light| light.into()).collect();
     progress.begin("image", u64::from(camera.height));
-    let image = picture(relighter, &lit, &lights, camera, progress)?;
+    let lit = InScattered { direct: &direct, ..light.in_scattered() };
+    let image = picture(relighter, &lit, &exact_lights, camera, progress)?;
     // A codec's error may leave a dark pixel below zero; radiance is not.
     let image: Vec<f32> = image.into_iter().map(|value| value.max(0.0)).collect();
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
     let report = RelitReport {
         lights: lights.len(),
         lights_outside: outside.len(),
-        sources: virtual_lights.len(),
-        reach_m: relighter.reach().map(|corner| corner.to_array()),
+        sources: rows.virtual_lights.len(),
+        reach_m: relighter.bounds().map(|corner| corner.to_array()),
         direct: if from == DirectFrom::Rows { "rows" } else { "lamps" },
-        relight_ms,
-        error_bound: if size > 0.0 { bound / size } else { 0.0 },
-        live: live.as_ref().map(|&(_, report)| report),
+        relight_ms: rows.milliseconds,
+        error_bound: rows.error_bound,
+        live,
         exact_direct: exact,
     };
     Ok((fields, report))
 }
 
-/// Solves for what lamps that no row answers for scatter.
-fn solve_outside(
-    solver: &LiveSolver,
-    direct: &DirectCells,
+/// Where direct light is to come from. Errors: what the asset was not baked for.
+fn direct_source(
+    relighter: &Relighter,
+    camera: &Camera,
+    asked: Option<DirectFrom>,
+    cells: bool,
+) -> Result<DirectFrom, BakeError> {
+    let head = &relighter.response().head;
+    relighter.check_camera(camera)?;
+    if let (true, DirectionalBasis::ViewRegion { .. }) = (cells, head.basis) {
+        let wanted = "a basis over the whole sphere: the asset's rows hold light towards its view region alone, and pictures can be made of them";
+        return Err(RuntimeError::argument("fields", wanted, "fluence per cell asked for").into());
+    }
+    let in_rows = head.direct == DirectTerm::InRows;
+    let from = asked.unwrap_or(if in_rows { DirectFrom::Rows } else { DirectFrom::Lamps });
+    if from == DirectFrom::Rows && !in_rows {
+        let (wanted, found) = ("\"lamps\": the asset's rows hold no direct light", "\"rows\"");
+        return Err(RuntimeError::argument("direct light", wanted, found).into());
+    }
+    Ok(from)
+}
+
+/// What summing the rows takes, and how far it may be off.
+struct RowCost {
+    milliseconds: f64,
+    error_bound: f64,
+    virtual_lights: Vec<PointLight>,
+}
+
+impl RowCost {
+    fn measure(relighter: &Relighter, inside: &[PointLight]) -> Result<Self, BakeError> {
+        let start = Instant::now();
+        let mut buffers = RelightBuffers::default();
+        let relit = relighter.relight(inside, RelightOptions::default(), &mut buffers)?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+        let size = norm(&mut relit.planes.iter().map(|&v| f64::from(v)));
+        let bound = norm(&mut relighter.error_bounds(&buffers).into_iter());
+        let error_bound = if size > 0.0 { bound / size } else { 0.0 };
+        Ok(Self { milliseconds, error_bound, virtual_lights: relighter.virtual_lights(&buffers) })
+    }
+}
+
+/// The lamps' light: of rows, and solved for where no row answers.
+fn lit(
+    clouds: &mut Clouds,
+    lights: &[PointLight],
     progress: &dyn Progress,
-) -> Result<(LiveLight, LiveReport), BakeError> {
+) -> Result<(CloudLight, Option<LiveReport>), BakeError> {
     let start = Instant::now();
-    progress.begin("live solve", 1);
-    let solved = solver.solve(direct, &mut |_| !progress.interrupted());
+    if lights.iter().any(|light| !clouds.is_lit(light.position)) {
+        progress.begin("live solve", 1);
+    }
+    let light = clouds.light_watched(lights, &mut |_| !progress.interrupted());
     progress.check()?;
-    let live = solved?;
+    let light = light?;
     let seconds = start.elapsed().as_secs_f64();
-    let report = LiveReport { sweeps: live.sweeps, residual: live.residual, seconds };
-    Ok((live, report))
+    let report = |live: squall_runtime::clouds::LiveReport| LiveReport {
+        sweeps: live.sweeps,
+        residual: live.residual,
+        seconds,
+    };
+    let live = light.live_report().map(report);
+    Ok((light, live))
+}
+
+/// Fluence of light that holds no direct part, and of that part.
+fn fluence_fields(relighter: &Relighter, light: &CloudLight, known: &DirectCells, fields: &mut Fields) {
+    // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
+    let (lit, known_cells) = (light.in_scattered(), relighter.known_cells());
+    let scattered = (0..known_cells.len()).map(|cell| match known_cells[cell] {
+        true => lit.fluence(cell) + known.forward[cell],
+        false => 0.0,
+    });
+    fields.phi_scattered = scattered.collect::<Vec<f32>>().into();
+    fields.phi_direct = known.unscattered.clone().into();
+    if known_cells.contains(&false) {
+        let seen = known_cells.iter().map(|&known| f32::from(u8::from(known)));
+        fields.seen = Some(seen.collect::<Vec<f32>>().into());
+    }
+}
+
+/// J towards an orthographic camera.
+fn towards_field(
+    relighter: &Relighter,
+    (light, direct): (&CloudLight, &[f32]),
+    (name, towards): (&str, DVec3),
+    fields: &mut Fields,
+) {
+    let mut j = vec![0.0; direct.len()];
+    light.in_scattered().towards_each(relighter.cloud(), |_, _| towards, &mut j);
+    for ((value, direct), known) in j.iter_mut().zip(direct).zip(relighter.known_cells()) {
+        *value = if known { *value + direct } else { 0.0 };
+    }
+    fields.towards.push((name.to_owned(), j.into()));
 }
 
 /// J of direct light towards a perspective camera, mean per cell.
-fn towards_viewer(relighter: &Relighter<'_>, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
+fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
     let cloud = relighter.cloud();
     let to_viewer: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
@@ -257,7 +293,7 @@ fn towards_viewer(relighter: &Relighter<'_>, lights: &[PointLight], camera: &Cam
 
 /// The picture: radiance per pixel.
 fn picture(
-    relighter: &Relighter<'_>,
+    relighter: &Relighter,
     lit: &InScattered<'_>,
     lights: &[Light],
     camera: &Camera,

@@ -228,6 +228,7 @@ fn render_and_relight_answer_what_was_drawn() {
         ("size_px", List),
         ("frames", Number),
         ("lights", Maybe(&Number)),
+        ("lights_live", Maybe(&Number)),
         ("sources", Maybe(&Number)),
         ("streaks", Maybe(&Number)),
         ("seconds", Number),

@@ -10,8 +10,8 @@ fn every_field_and_picture_comes_with_its_standard_error() {
     let out = folder.path().join("out");
     let ran =
         solve(&scene, "inside", &out, &["--method", "monte-carlo", "--samples", "20000", "--seed", "7"]);
-    assert_eq!((ran.code, ran.error.as_str()), (0, ""));
-    assert!(ran.out.contains("20000 photons, seed 7"), "{}", ran.out);
+    assert_eq!((ran.code, ran.out.as_str()), (0, ""), "words go to standard error");
+    assert!(ran.error.contains("20000 photons, seed 7"), "{}", ran.error);
     for (name, count) in
         [("phi_sc", CELLS), ("phi_dir", CELLS), ("jcam_top", CELLS), ("image_top", 64), ("image_eye", 96)]
     {

@@ -230,7 +230,8 @@ fn a_stroke_error_that_is_large_or_not_measured_is_warned_of_even_to_the_quiet()
     place.write("basis = \"harmonics-0\"\ntest_strokes = 2", STROKES);
     // Virtual lights at the corners of the cloud alone.
     let recipe = std::fs::read_to_string(place.path("r.toml")).unwrap();
-    let coarse = recipe.replace("spacing_m = 150.0\nlongest_m = 300.0", "spacing_m = 450.0\nlongest_m = 450.0");
+    let coarse =
+        recipe.replace("spacing_m = 150.0\nlongest_m = 300.0", "spacing_m = 450.0\nlongest_m = 450.0");
     std::fs::write(place.path("r.toml"), coarse).unwrap();
     let said = place.bake(&["--quiet"]);
     assert!(said.contains("warning: the measured stroke error of") && said.contains("spacing_m"), "{said}");

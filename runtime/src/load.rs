@@ -6,6 +6,7 @@ use squall_formats::{Limits, ReadError, Tag};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 #[cfg(target_endian = "big")]
 compile_error!(
@@ -87,11 +88,22 @@ impl Bytes {
     }
 }
 
-/// An open `.squall` asset.
+/// An open `.squall` asset: a handle, whose clones share the file's bytes.
+///
+/// ```
+/// use squall_runtime::Asset;
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+/// let asset = Asset::open(path)?;
+/// assert_eq!(asset.clone().directory().entries.len(), 8);
+/// # Ok::<(), squall_runtime::RuntimeError>(())
+/// ```
 ///
 /// Opening checks the header, the section table and the head of every section; bulk coefficients are
 /// checked when they are first touched. It allocates the section table alone.
-pub struct Asset {
+#[derive(Clone)]
+pub struct Asset(Arc<Inner>);
+
+struct Inner {
     bytes: Bytes,
     directory: Directory,
     limits: Limits,
@@ -166,12 +178,12 @@ impl Asset {
         let wrap = |source| RuntimeError::Asset { path: path.clone(), source };
         let directory = read.map_err(wrap)?;
         squall_formats::section::check_marks(&directory).map_err(wrap)?;
-        Ok(Self { bytes, directory, limits, path })
+        Ok(Self(Arc::new(Inner { bytes, directory, limits, path })))
     }
 
     /// Checks the head of every section.
     pub(crate) fn check_heads(&self) -> Result<(), RuntimeError> {
-        for entry in &self.directory.entries {
+        for entry in &self.0.directory.entries {
             entry.check_head(self.bytes()).map_err(|source| self.wrap(source))?;
         }
         Ok(())
@@ -181,28 +193,28 @@ impl Asset {
     ///
     /// Errors: the section is damaged. An asset without it passes.
     pub fn check_bulk(&self, tag: Tag) -> Result<(), RuntimeError> {
-        let Some(entry) = self.directory.find(tag) else { return Ok(()) };
+        let Some(entry) = self.0.directory.find(tag) else { return Ok(()) };
         entry.check_whole(self.bytes()).map_err(|source| self.wrap(source))
     }
 
     /// Bounds on what a file may ask for.
     pub fn limits(&self) -> &Limits {
-        &self.limits
+        &self.0.limits
     }
 
     /// The asset's section table.
     pub fn directory(&self) -> &Directory {
-        &self.directory
+        &self.0.directory
     }
 
     /// The file that was opened, or `(memory)`.
     pub fn path(&self) -> &Path {
-        &self.path
+        &self.0.path
     }
 
     /// All bytes of the asset.
     pub fn bytes(&self) -> &[u8] {
-        self.bytes.as_slice()
+        self.0.bytes.as_slice()
     }
 
     /// Reads section `tag` with `read`; `holds` says in words what it is for.
@@ -212,13 +224,32 @@ impl Asset {
         holds: &'static str,
         read: impl FnOnce(&'a [u8], u16, &Limits) -> Result<T, ReadError>,
     ) -> Result<T, RuntimeError> {
-        let bytes = self.directory.section(self.bytes(), tag, holds).map_err(|source| self.wrap(source))?;
-        let version = self.directory.find(tag).map_or(0, |entry| entry.version);
-        read(bytes, version, &self.limits).map_err(|source| self.wrap(source))
+        let bytes = self.0.directory.section(self.bytes(), tag, holds).map_err(|source| self.wrap(source))?;
+        let version = self.0.directory.find(tag).map_or(0, |entry| entry.version);
+        read(bytes, version, &self.0.limits).map_err(|source| self.wrap(source))
     }
 
     /// Names this asset's file in an error about its bytes.
     pub fn wrap(&self, source: ReadError) -> RuntimeError {
-        RuntimeError::Asset { path: self.path.clone(), source }
+        RuntimeError::Asset { path: self.0.path.clone(), source }
+    }
+}
+
+impl std::fmt::Debug for Asset {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Inner { directory, path, .. } = &*self.0;
+        f.debug_struct("Asset").field("path", path).field("sections", &directory.entries.len()).finish()
+    }
+}
+
+impl From<&Asset> for Asset {
+    fn from(asset: &Asset) -> Self {
+        asset.clone()
+    }
+}
+
+impl From<Arc<Asset>> for Asset {
+    fn from(asset: Arc<Asset>) -> Self {
+        (*asset).clone()
     }
 }

@@ -73,7 +73,7 @@ pub struct Illumination {
 }
 
 /// What a camera sees through the medium, and in what light.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Outlook<'a> {
     /// The camera.
     pub camera: &'a Camera,
@@ -201,6 +201,9 @@ impl Medium {
     /// Without a depth buffer, all is sky; sky is infinitely far, so in rain without bounds it vanishes and
     /// in a finite `volume` it does not. Rows are spread over the caller's rayon pool.
     ///
+    /// Where the depth buffer has holes ([`crate::depth::DepthHoles`]) that are to be left alone, the pixel keeps its light and F
+    /// is 1. Answers how many holes there were, filled ones included.
+    ///
     /// Errors: an orthographic camera; a picture, depth buffer or transmittance of another size than the
     /// camera's.
     pub fn apply(
@@ -208,7 +211,7 @@ impl Medium {
         outlook: &Outlook,
         picture: &mut Picture,
         transmittance: &mut [f32],
-    ) -> Result<(), RuntimeError> {
+    ) -> Result<usize, RuntimeError> {
         let Outlook { camera, volume, light, depth } = outlook;
         let (width, height) = (camera.width as usize, camera.height as usize);
         if !matches!(camera.projection, Projection::Perspective { .. }) {
@@ -230,7 +233,14 @@ impl Medium {
             for (x, (pixel, transmittance)) in pixels.iter_mut().zip(transmittance).enumerate() {
                 let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
                 let secant = secants.at(px, py);
-                let planar = depth.as_ref().map_or(f64::INFINITY, |depth| depth.planar(x, y, || secant));
+                let planar = match depth {
+                    Some(depth) => depth.known(x, y, || secant),
+                    None => Some(f64::INFINITY),
+                };
+                let Some(planar) = planar else {
+                    *transmittance = 1.0;
+                    continue;
+                };
                 let ray = camera.ray_with(&secants, px, py);
                 let left = libm::exp(-self.optical_depth_in(volume, &ray, planar, secant)) as f32;
                 let source = self.source(light, ray.direction);
@@ -244,7 +254,7 @@ impl Medium {
         };
         let rows = picture.pixels.par_chunks_mut(width).zip(transmittance.par_chunks_mut(width));
         rows.enumerate().for_each(row);
-        Ok(())
+        Ok(depth.as_ref().map_or(0, DepthBuffer::holes))
     }
 }
 

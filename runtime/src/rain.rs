@@ -207,6 +207,8 @@ impl Rain {
                 half_width: 0.5 * f64::from(camera.width),
                 half_height: 0.5 * f64::from(camera.height),
                 tangent: half,
+                shift: camera.shift_px,
+                stretch: camera.pixel_aspect,
             },
             exposure: shot.exposure.0,
             lengths: [shot.min_px / focal, shot.max_px / focal],

@@ -31,10 +31,15 @@ pub struct SourceWeight {
     pub intensity: f32,
 }
 
-/// A response opened for relighting.
-pub struct Relighter<'a> {
-    asset: &'a Asset,
-    response: ResponseSection<'a>,
+mod lit;
+mod response;
+
+pub use response::Response;
+
+/// A response opened for relighting. It holds its asset.
+pub struct Relighter {
+    asset: Asset,
+    response: Response,
     cloud: Cloud,
     haar: Haar,
     /// The view region's frame, where rows are towards it alone.
@@ -50,6 +55,13 @@ pub struct RelightBuffers {
     parts: Vec<(u32, f64)>,
     coefficients: Vec<f32>,
     scratch: Vec<f32>,
+}
+
+impl RelightBuffers {
+    /// The rows that the last relighting summed, and their intensities.
+    pub fn weights(&self) -> &[SourceWeight] {
+        &self.weights
+    }
 }
 
 /// The coefficients of a relit cloud's in-scattered radiance J ([`squall_formats::basis`]) per cell, W/(m² sr) per unit of basis,
@@ -74,15 +86,15 @@ pub struct RelightOptions {
     pub paper_ambient: bool,
 }
 
-impl<'a> Relighter<'a> {
+impl Relighter {
     /// Opens the cloud grid and the response of `asset`.
     ///
     /// Errors: the asset lacks either, or they are damaged.
-    pub fn new(asset: &'a Asset) -> Result<Self, RuntimeError> {
+    pub fn new(asset: &Asset) -> Result<Self, RuntimeError> {
         let grid = asset.section(CloudSection::TAG, "the cloud grid", CloudSection::read)?;
         asset.check_bulk(CloudSection::TAG)?;
         grid.check_values().map_err(|error| asset.wrap(error))?;
-        let response = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read)?;
+        let response = Response::new(asset)?;
         let head = grid.head;
         response.check_grid(head.shape).map_err(|error| asset.wrap(error))?;
         light_grid(&response.head.sources).map_err(|error| asset.wrap(error))?;
@@ -99,7 +111,7 @@ impl<'a> Relighter<'a> {
         let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
         let frame =
             response.head.view_region.as_ref().map(|view_region| view_region_frame(view_region, &cloud));
-        Ok(Self { asset, response, cloud: cloud.checked()?, haar, frame, verified })
+        Ok(Self { asset: asset.clone(), response, cloud: cloud.checked()?, haar, frame, verified })
     }
 
     /// The cloud grid.
@@ -108,7 +120,7 @@ impl<'a> Relighter<'a> {
     }
 
     /// The response's rows and what they mean.
-    pub fn response(&self) -> &ResponseSection<'a> {
+    pub fn response(&self) -> &Response {
         &self.response
     }
 
@@ -127,6 +139,11 @@ impl<'a> Relighter<'a> {
         self.response.head.view_region.as_ref()
     }
 
+    /// The view region's frame, where rows are for that alone.
+    pub(crate) fn view_region_frame(&self) -> Option<ViewRegionFrame> {
+        self.frame
+    }
+
     /// Cells whose light means something.
     pub fn known_cells(&self) -> Vec<bool> {
         let head = &self.response.head;
@@ -141,15 +158,22 @@ impl<'a> Relighter<'a> {
     ///
     /// Errors: it is outside the view region that the asset was baked for; an orthographic camera has no viewpoint and is outside of any.
     pub fn check_camera(&self, camera: &Camera) -> Result<(), RuntimeError> {
+        self.check_viewer(match camera.projection {
+            Projection::Perspective { .. } => Some(camera.position),
+            Projection::Orthographic { .. } => None,
+        })
+    }
+
+    /// The same for somebody at `position`, or infinitely far away.
+    pub(crate) fn check_viewer(&self, position: Option<DVec3>) -> Result<(), RuntimeError> {
         let Some(view_region) = self.view_region() else { return Ok(()) };
-        let perspective = matches!(camera.projection, Projection::Perspective { .. });
-        if perspective && view_region.contains(camera.position.to_array()) {
+        if position.is_some_and(|position| view_region.contains(position.to_array())) {
             return Ok(());
         }
         let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
         let wanted =
             format!("an eye between {low} and {high} m: the asset's cloud was baked for those alone");
-        let found = if perspective { camera.position.to_string() } else { "an orthographic camera".into() };
+        let found = position.map_or("an orthographic camera".into(), |position| position.to_string());
         Err(RuntimeError::argument("camera position", wanted, found))
     }
 
@@ -160,14 +184,15 @@ impl<'a> Relighter<'a> {
         around.is_some_and(|nodes| nodes.iter().all(|&node| sources.row_of(node).is_some()))
     }
 
-    /// The box that virtual sources span, smallest and largest corner, m.
-    pub fn reach(&self) -> [DVec3; 2] {
+    /// The box that virtual point lights span, smallest and largest corner, m: an outer bound. Of a pruned asset only a small part of
+    /// it is lit: see [`Relighter::share_lit`] and [`Relighter::nearest_lit`].
+    pub fn bounds(&self) -> [DVec3; 2] {
         corners(self.light_grid())
     }
 
     /// Splits a stroke's points over virtual sources; the intensities sum to the stroke's.
     ///
-    /// Errors: a point that is not finite or lies outside the baked reach.
+    /// Errors: a point that is not finite or whose light was not baked.
     pub fn weigh<'b>(
         &self,
         lights: &[PointLight],
@@ -177,9 +202,24 @@ impl<'a> Relighter<'a> {
         Ok(&buffers.weights)
     }
 
+    /// The point nearest to `position` whose light was baked, m; `None` where nothing was, or of a place that is not finite.
+    pub fn nearest_lit(&self, position: DVec3) -> Option<DVec3> {
+        lit::nearest(&self.response.head.sources, position)
+    }
+
+    /// Share of the box of [`Relighter::bounds`] in which light was baked, 0 to 1.
+    pub fn share_lit(&self) -> f64 {
+        share_lit(&self.response.head.sources)
+    }
+
+    /// Why a point light at `position` cannot be relit from rows; `None` where it can.
+    pub fn why_dark(&self, position: DVec3) -> Option<RuntimeError> {
+        (!self.reaches(position)).then(|| lit::refusal(&self.response.head.sources, position))
+    }
+
     /// Relights the cloud by a stroke's points.
     ///
-    /// Errors: a point outside the baked reach, or a damaged row.
+    /// Errors: a point whose light was not baked, or a damaged row.
     pub fn relight<'b>(
         &self,
         lights: &[PointLight],
@@ -285,13 +325,18 @@ fn light_grid(sources: &SourceBasis) -> Result<&LightGrid, ReadError> {
     })
 }
 
+/// Share of the box that a response's virtual point lights span in which all that a light needs was baked, 0 to 1.
+pub fn share_lit(sources: &SourceBasis) -> f64 {
+    lit::share(sources)
+}
+
 fn corners(grid: &LightGrid) -> [DVec3; 2] {
     grid.bounds().map(DVec3::from_array)
 }
 
 /// The weights that a response gives a stroke's points, rows rising. \[dobashi\] eq. 6.
 ///
-/// Errors: a point that is not finite or lies outside the baked reach.
+/// Errors: a point that is not finite or whose light was not baked.
 pub fn split_lights(head: &ResponseHead, lights: &[PointLight]) -> Result<Vec<SourceWeight>, RuntimeError> {
     let mut buffers = RelightBuffers::default();
     split_into(head, lights, &mut buffers)?;
@@ -299,7 +344,7 @@ pub fn split_lights(head: &ResponseHead, lights: &[PointLight]) -> Result<Vec<So
 }
 
 /// Largest radiant intensity of a point, W/sr: times any row's light it stays within single precision.
-const BRIGHTEST: f64 = 1e25;
+pub(crate) const BRIGHTEST: f64 = 1e25;
 
 fn split_into(
     head: &ResponseHead,
@@ -315,7 +360,7 @@ fn split_into(
         // Written so that NaN is refused too.
         if light.intensity.abs().partial_cmp(&BRIGHTEST).is_none_or(|order| order.is_gt()) {
             let wanted = format!("at most {BRIGHTEST:e} W/sr");
-            return Err(RuntimeError::argument("lamp intensity", wanted, light.intensity));
+            return Err(RuntimeError::argument("point light's intensity", wanted, light.intensity));
         }
         let parts = grid.split(light.position.to_array());
         // A node of share 0 takes no part, and needs no row.
@@ -327,10 +372,7 @@ fn split_into(
             }
         }
         if !covered {
-            let [low, high] = corners(grid);
-            let wanted = format!("a point between {low} and {high} m, where sources were baked");
-            let found = format!("{} with {} W/sr", light.position, light.intensity);
-            return Err(RuntimeError::argument("lamp position", wanted, found));
+            return Err(lit::refusal(&head.sources, light.position));
         }
     }
     // Sorted by share too, so that the order of summing does not depend on the sort's inner workings.

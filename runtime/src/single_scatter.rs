@@ -53,6 +53,19 @@ impl Tally for TowardsViewer<'_> {
     }
 }
 
+/// Fluence of what the delta-scaled medium counts as unscattered: light never scattered, or scattered forward only.
+struct Fluence(Vec<f32>);
+
+impl Tally for Fluence {
+    #[inline]
+    fn start(&mut self, _: DVec3) {}
+
+    #[inline(always)]
+    fn chord(&mut self, cell: usize, _: f32, scaled: f32) {
+        self.0[cell] += scaled;
+    }
+}
+
 /// Adds J of direct light to `j`, W/(m² sr) per cell.
 ///
 /// `to_viewer` holds the unit direction from each cell towards the viewer, `extinction_scale` what the transport behind the asset's
@@ -95,14 +108,42 @@ pub fn add_direct(
     j: &mut [f32],
 ) {
     assert!(j.len() == cloud.shape.len() && to_viewer.len() == cloud.shape.len());
+    let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
+    let tally = || TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
+    add_rays(cloud, extinction_scale, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
+}
+
+/// Adds the fluence rate of direct light to `fluence`, W/m² per cell: of light never scattered and of light that the transport
+/// behind the asset's rows counts as unscattered. The same bytes come out for any number of threads.
+///
+/// Panics when the array is not one grid long.
+pub fn add_direct_fluence(
+    cloud: &Cloud,
+    extinction_scale: f64,
+    lights: &[PointLight],
+    settings: DirectSettings,
+    fluence: &mut [f32],
+) {
+    assert!(fluence.len() == cloud.shape.len());
+    let tally = || Fluence(vec![0.0; cloud.shape.len()]);
+    add_rays(cloud, extinction_scale, lights, settings, (&tally, &|tally: Fluence| tally.0), fluence);
+}
+
+/// Follows every light's rays into tallies and adds what those hold, per cell volume, to `sums`.
+fn add_rays<T: Tally>(
+    cloud: &Cloud,
+    extinction_scale: f64,
+    lights: &[PointLight],
+    settings: DirectSettings,
+    (tally, sums_of): (&(dyn Fn() -> T + Sync), &(dyn Fn(T) -> Vec<f32> + Sync)),
+    sums: &mut [f32],
+) {
     let tracer = Tracer::new(cloud, extinction_scale);
     let share = 1.0 / cloud.cell_volume() as f32;
     let count = settings.rays_per_point.max(1) as usize;
     let directions: Vec<DVec3> = (0..count).map(|i| fibonacci(i, count)).collect();
     let piece = |number: usize, lights: &[PointLight]| -> Vec<f32> {
-        let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
-        let mut tally =
-            TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
+        let mut tally = tally();
         for (i, light) in lights.iter().enumerate() {
             let turn = random_turn(settings.seed, (number * POINTS_PER_PIECE + i) as u64);
             let power = light.intensity * 4.0 * std::f64::consts::PI / count as f64;
@@ -113,10 +154,10 @@ pub fn add_direct(
                 );
             }
         }
-        tally.j
+        sums_of(tally)
     };
     let add = |part: Vec<f32>| {
-        for (sum, value) in j.iter_mut().zip(part) {
+        for (sum, value) in sums.iter_mut().zip(part) {
             *sum += value * share;
         }
     };

@@ -9,9 +9,13 @@
 //! those that flash together have a limit in sum: [`grow_together`]. Growth is specified to the bit in SPEC.md, "Growth of a
 //! stroke", since light grids are pruned to where segments are.
 
+mod named;
+
+use crate::error::RuntimeError;
 use crate::random::Random;
 use crate::relight::PointLight;
 use glam::DVec3;
+pub(crate) use named::Strokes;
 use squall_formats::section::bolt::{BoltSection, StrokeRecord};
 use squall_formats::section::view::ViewFlash;
 use squall_formats::{Limits, ReadError};
@@ -31,14 +35,25 @@ pub struct Segment {
 }
 
 /// A grown stroke.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Stroke {
     /// Main channel first, then branches as they were left.
     pub segments: Vec<Segment>,
+    /// Colour of its light: weights of the red, green and blue band, mean 1.
+    pub color: [f32; 3],
+}
+
+impl Default for Stroke {
+    /// White, and without a segment.
+    fn default() -> Self {
+        Self { segments: Vec::new(), color: [1.0; 3] }
+    }
 }
 
 /// A stroke has no more segments than this; branches beyond are left out.
 pub const MAX_SEGMENTS: usize = 1 << 16;
+/// Shortest segments of [`Stroke::between`], m.
+const SHORTEST_USUAL_M: f64 = 5.0;
 /// Halvings of the main channel's line.
 const WANDER_LEVELS: u32 = 5;
 /// How fast a branch fades towards its tip: light per length goes as (distance to the tip)^½.
@@ -197,6 +212,95 @@ pub fn flashing<'r, 'f>(
 }
 
 impl Stroke {
+    /// A stroke from `from` to `to` that is grown from `seed` as recipes grow theirs unless told otherwise, segments a hundredth
+    /// of its length (5 m at least); `intensity` in W/sr, white.
+    ///
+    /// ```
+    /// use squall_runtime::{Stroke, glam::DVec3};
+    /// let stroke = Stroke::between(DVec3::new(0.0, 0.0, 900.0), DVec3::new(120.0, 40.0, 0.0), 7, 1e7)?;
+    /// assert!((stroke.intensity() / 1e7 - 1.0).abs() < 1e-12);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    ///
+    /// Errors: numbers that no stroke has ([`StrokeRecord::check`]); an empty path.
+    pub fn between(from: DVec3, to: DVec3, seed: u64, intensity: f64) -> Result<Self, RuntimeError> {
+        let record = StrokeRecord {
+            name: "own".into(),
+            seed,
+            from_m: from.to_array(),
+            to_m: to.to_array(),
+            segment_m: (0.01 * from.distance(to)).max(SHORTEST_USUAL_M).min(from.distance(to)),
+            intensity_w_per_sr: intensity,
+            color: [1.0; 3],
+            ..StrokeRecord::usual()
+        };
+        record.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
+        Ok(Self::grow(&record))
+    }
+
+    /// A stroke of given segments.
+    ///
+    /// Errors: none, too many, or numbers that are not finite, negative intensities or colours.
+    pub fn from_segments(segments: Vec<Segment>, color: [f32; 3]) -> Result<Self, RuntimeError> {
+        let stroke = Self { segments, color };
+        stroke.check()?;
+        Ok(stroke)
+    }
+
+    /// A stroke along a line of points, `intensity` W/sr in all, spread evenly by length; a single point is a spark.
+    ///
+    /// ```
+    /// use squall_runtime::{Stroke, glam::DVec3};
+    /// let path = [DVec3::new(0.0, 0.0, 700.0), DVec3::new(50.0, 0.0, 650.0), DVec3::new(0.0, 20.0, 600.0)];
+    /// let stroke = Stroke::from_points(&path, 2e6, [0.8, 0.75, 1.28])?;
+    /// assert_eq!(stroke.segments.len(), 2);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    ///
+    /// Errors: as [`Stroke::from_segments`].
+    pub fn from_points(points: &[DVec3], intensity: f64, color: [f32; 3]) -> Result<Self, RuntimeError> {
+        let single = [points.first().copied().unwrap_or_default(); 2];
+        let line = if points.len() == 1 { &single } else { points };
+        let total: f64 = line.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        let count = line.len().saturating_sub(1) as f64;
+        let segment = |pair: &[DVec3]| {
+            let share = if total > 0.0 { pair[0].distance(pair[1]) / total } else { 1.0 / count };
+            Segment { from: pair[0], to: pair[1], order: 0, intensity: intensity * share }
+        };
+        Self::from_segments(line.windows(2).map(segment).collect(), color)
+    }
+
+    /// Refuses a stroke whose public fields were set to what no stroke is.
+    ///
+    /// Errors: as [`Stroke::from_segments`].
+    pub fn check(&self) -> Result<(), RuntimeError> {
+        let count = self.segments.len();
+        if count == 0 || count > MAX_SEGMENTS {
+            return Err(RuntimeError::argument("stroke segments", format!("1 to {MAX_SEGMENTS}"), count));
+        }
+        for segment in &self.segments {
+            if !(segment.from.is_finite() && segment.to.is_finite()) {
+                let found = format!("{} to {}", segment.from, segment.to);
+                return Err(RuntimeError::argument("stroke segment", "two finite points", found));
+            }
+            if !(segment.intensity >= 0.0 && segment.intensity.is_finite()) {
+                let wanted = "a finite number from 0, W/sr";
+                return Err(RuntimeError::argument("stroke intensity", wanted, segment.intensity));
+            }
+        }
+        if !self.color.iter().all(|band| *band >= 0.0 && band.is_finite()) {
+            let found = format!("{:?}", self.color);
+            return Err(RuntimeError::argument("stroke colour", "three finite numbers from 0", found));
+        }
+        Ok(())
+    }
+
+    /// The same stroke in another colour: weights of the red, green and blue band.
+    #[must_use]
+    pub fn colored(self, color: [f32; 3]) -> Self {
+        Self { color, ..self }
+    }
+
     /// Grows the stroke of `record`, whose numbers must have passed [`StrokeRecord::check`]: at most [`MAX_SEGMENTS`]
     /// segments, some 5 MB while it grows.
     pub fn grow(record: &StrokeRecord) -> Self {
@@ -218,7 +322,7 @@ impl Stroke {
         let total: f64 = segments.iter().map(|s| s.intensity).sum();
         let scale = if total > 0.0 { record.intensity_w_per_sr / total } else { 0.0 };
         segments.iter_mut().for_each(|s| s.intensity *= scale);
-        Self { segments }
+        Self { segments, color: record.color }
     }
 
     /// Radiant intensity of all segments, W/sr.
@@ -329,6 +433,21 @@ mod tests {
 
     fn wild() -> StrokeRecord {
         StrokeRecord { branching: 1.0, branch_length: 1.0, max_order: 8, segment_m: 1.0, ..record() }
+    }
+
+    #[test]
+    fn own_strokes_carry_their_light_and_nonsense_is_refused() {
+        let points = [DVec3::ZERO, DVec3::X * 3.0, DVec3::new(3.0, 1.0, 0.0)];
+        let stroke = Stroke::from_points(&points, 8.0, [1.0; 3]).unwrap();
+        assert_eq!(stroke.segments.iter().map(|s| s.intensity).collect::<Vec<_>>(), [6.0, 2.0]);
+        assert_eq!(Stroke::from_points(&points[..1], 8.0, [1.0; 3]).unwrap().lights(0.0).len(), 1);
+        assert!(Stroke::from_points(&[], 8.0, [1.0; 3]).is_err());
+        assert!(Stroke::from_points(&points, f64::NAN, [1.0; 3]).is_err());
+        assert!(Stroke::from_points(&points, -1.0, [1.0; 3]).is_err());
+        assert!(Stroke::from_points(&points, 1.0, [1.0, f32::NAN, 1.0]).is_err());
+        assert!(Stroke::from_points(&[DVec3::NAN, DVec3::ZERO], 1.0, [1.0; 3]).is_err());
+        assert!(Stroke::between(DVec3::ZERO, DVec3::Z * 1e3, 1, 1e6).is_ok());
+        assert!(Stroke::between(DVec3::ZERO, DVec3::ZERO, 1, f64::INFINITY).is_err());
     }
 
     #[test]

@@ -18,9 +18,8 @@ use squall_formats::section::streak::{
 };
 use squall_formats::section::town::{Block, HeightMap, Road, StreetLamp, TownSection, Windows};
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::Asset;
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
 use squall_runtime::verify::verify;
+use squall_runtime::{Asset, Frame, StormRenderer};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
@@ -61,7 +60,7 @@ fn opens_within_bounds(what: &str, sections: &[OutSection]) {
     let bytes = bytes_of(sections);
     bounded(what, bytes.len(), || {
         let asset = Asset::from_bytes(&bytes).unwrap();
-        drop(Storm::new(&asset).unwrap());
+        drop(StormRenderer::new(&asset).unwrap());
     });
     bounded(&format!("{what}, verified"), bytes.len(), || {
         verify(&Asset::from_bytes(&bytes).unwrap()).unwrap();
@@ -106,9 +105,8 @@ fn strokes_that_flash_together_beyond_the_limit_are_refused_by_picture_and_verif
     };
     refused("1000 flashes, verified", &|| verify(&asset).unwrap_err().to_string());
     refused("1000 flashes, drawn", &|| {
-        let storm = Storm::new(&asset).unwrap();
-        let drawn = storm.draw(&view, FrameQuality::default(), &mut FrameMemory::default());
-        drawn.unwrap_err().to_string()
+        let mut renderer = StormRenderer::new(&asset).unwrap();
+        renderer.render(&Frame::from(&view)).unwrap_err().to_string()
     });
 }
 
@@ -150,7 +148,7 @@ fn the_most_streak_patterns_with_the_most_terms_open_within_bounds_and_one_more_
     let one_more = (0..4096).map(|i| pattern(i, cosines(if i == 7 { 65 } else { 64 }))).collect();
     let bytes = bytes_of(&[streaks(one_more)]);
     let asset = Asset::from_bytes(&bytes).unwrap();
-    let message = Storm::new(&asset).err().unwrap().to_string();
+    let message = StormRenderer::new(&asset).err().unwrap().to_string();
     assert!(message.contains("STRK") && message.contains("262145 wanted, 262144 allowed"), "{message}");
     assert_eq!(verify(&asset).unwrap_err().to_string(), message);
 }

@@ -7,9 +7,8 @@ use squall_bake::recipe::Recipe;
 use squall_formats::container::{self, OutSection};
 use squall_formats::section::response::{self, COEFFICIENT_BYTES, ResponseRows, ResponseSection};
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::Asset;
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
 use squall_runtime::picture::Picture;
+use squall_runtime::{Asset, Frame, StormRenderer};
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -78,12 +77,10 @@ pub(crate) fn asset(sections: &[OutSection]) -> Asset {
 }
 
 fn draw(asset: &Asset, change: impl Fn(&mut ViewSection)) -> Picture {
-    let storm = Storm::new(asset).unwrap();
-    let mut view = storm.view().unwrap().clone();
+    let mut renderer = StormRenderer::new(asset).unwrap();
+    let mut view = renderer.view().unwrap().clone();
     change(&mut view);
-    let mut memory = FrameMemory::default();
-    storm.draw(&view, FrameQuality::default(), &mut memory).unwrap();
-    memory.picture.unwrap()
+    renderer.render(&Frame::from(&view)).unwrap().clone()
 }
 
 fn sum(picture: &Picture) -> f64 {
@@ -121,19 +118,18 @@ fn the_flash_in_the_picture_comes_from_the_assets_rows() {
 #[test]
 fn a_picture_repeats_to_the_bit_and_from_used_memory() {
     let asset = asset(sections());
-    let storm = Storm::new(&asset).unwrap();
-    let mut view = storm.view().unwrap().clone();
+    let [mut fresh, mut used] = [0, 1].map(|_| StormRenderer::new(&asset).unwrap());
+    let mut view = fresh.view().unwrap().clone();
     view.rain.rate_mm_per_h = 25.0;
-    let (mut fresh, mut used) = (FrameMemory::default(), FrameMemory::default());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    storm.draw(&view, FrameQuality::default(), &mut fresh).unwrap();
-    let mut other = view.clone();
-    other.camera.heading_rad += 0.3;
-    other.rain.rate_mm_per_h = 2.0;
-    other.sky.haze = 3.0;
-    storm.draw(&other, FrameQuality::default(), &mut used).unwrap();
-    pool.install(|| storm.draw(&view, FrameQuality::default(), &mut used)).unwrap();
-    assert_eq!(fresh.picture, used.picture);
+    let frame = Frame::from(&view);
+    fresh.render(&frame).unwrap();
+    view.camera.heading_rad += 0.3;
+    view.rain.rate_mm_per_h = 2.0;
+    view.sky.haze = 3.0;
+    used.render(&Frame::from(&view)).unwrap();
+    pool.install(|| used.render(&frame).map(|_| ())).unwrap();
+    assert_eq!(fresh.picture(), used.picture());
 }
 
 #[test]
@@ -175,17 +171,16 @@ fn heavier_rain_leaves_less_to_be_seen() {
 #[test]
 fn a_view_that_cannot_be_drawn_is_refused_by_name() {
     let asset = asset(sections());
-    let storm = Storm::new(&asset).unwrap();
-    let refused = |change: &dyn Fn(&mut ViewSection), words: &str| {
-        let mut view = storm.view().unwrap().clone();
+    let mut renderer = StormRenderer::new(&asset).unwrap();
+    let mut refused = |change: &dyn Fn(&mut ViewSection), words: &str| {
+        let mut view = renderer.view().unwrap().clone();
         change(&mut view);
-        let error = storm.draw(&view, FrameQuality::default(), &mut FrameMemory::default());
-        let text = error.unwrap_err().to_string();
+        let text = renderer.render(&Frame::from(&view)).unwrap_err().to_string();
         assert!(text.contains(words), "{text}");
     };
     refused(&|v| v.flashes[0].stroke = "nobody".into(), "inside, ground");
     refused(&|v| v.rain.rate_mm_per_h = 300.0, "mm/h");
-    refused(&|v| v.camera.size_px = [0, 3], "size_px");
+    refused(&|v| v.camera.size_px = [0, 3], "picture size");
     refused(&|v| v.camera.vertical_fov_rad = f64::NAN, "fov");
 }
 

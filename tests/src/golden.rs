@@ -20,11 +20,10 @@ use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, Dis
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
-use squall_runtime::Asset;
 use squall_runtime::density::{lookup_counts, read_density};
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::verify::verify;
+use squall_runtime::{Asset, StormRenderer};
 use std::path::PathBuf;
 
 const NAMES: [&str; 3] = ["golden", "paper", "eyes"];
@@ -180,8 +179,8 @@ fn golden_sections_say_what_their_recipe_and_its_inputs_say() {
     assert_eq!(names, [("streak0", [12, 60]), ("streak1", [10, 48])]);
     let town = asset.section(TownSection::TAG, "the town", TownSection::read).unwrap();
     assert_eq!(town, input::town::read_town(&file("town.json")).unwrap());
-    let storm = Storm::new(&asset).unwrap();
-    assert_eq!(storm.view(), recipe.view.as_ref());
+    let renderer = StormRenderer::new(&asset).unwrap();
+    assert_eq!(renderer.view(), recipe.view.as_ref());
 }
 
 #[test]
@@ -202,10 +201,9 @@ fn golden_responses_are_of_the_kinds_that_their_recipes_ask_for() {
 #[test]
 fn a_golden_asset_still_draws_its_view() {
     let asset = asset("golden");
-    let storm = Storm::new(&asset).unwrap();
-    let mut memory = FrameMemory::default();
-    storm.draw(storm.view().unwrap(), FrameQuality::default(), &mut memory).unwrap();
-    let picture = memory.picture.unwrap();
+    let mut renderer = StormRenderer::new(&asset).unwrap();
+    let frame = renderer.frame().unwrap();
+    let picture = renderer.render(&frame).unwrap();
     assert_eq!((picture.width, picture.height), (64, 36));
     assert!(picture.pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
     assert!(picture.pixels.iter().flatten().sum::<f32>() > 0.0);

@@ -93,7 +93,7 @@ fn any_flipped_bit_in_bulk_data_is_noticed_by_verify() {
 }
 
 /// A lamp on the first virtual source, and one on the last.
-fn lights(relighter: &Relighter<'_>) -> [PointLight; 2] {
+fn lights(relighter: &Relighter) -> [PointLight; 2] {
     let (grid, _) = relighter.response().head.sources.light_grid().unwrap();
     grid.bounds().map(|corner| PointLight { position: DVec3::from_array(corner), intensity: 1.0 })
 }
@@ -193,7 +193,7 @@ fn light_on_blocks_of_cells_is_refused_by_verify_and_runtime_alike_and_names_the
     assert!(verified.contains("blocks.squall: section CLRT: shape: wanted the cloud grid's"), "{verified}");
     assert!(verified.contains("9 × 8 × 4 cells beside 18 × 8 × 4"), "{verified}");
     assert_eq!(Relighter::new(&asset).err().unwrap().to_string(), verified);
-    assert_eq!(squall_runtime::frame::Storm::new(&asset).err().unwrap().to_string(), verified);
+    assert_eq!(squall_runtime::StormRenderer::new(&asset).err().unwrap().to_string(), verified);
 }
 
 #[test]
@@ -235,8 +235,8 @@ fn rows_that_overlap_or_leave_the_section_are_refused() {
     let asset = Asset::from_bytes(&bytes).unwrap();
     let relighter = Relighter::new(&asset).unwrap();
     let response = relighter.response();
-    let index_at = (part.len() - response.rows.len())
-        - (size_of_val(response.index) + size_of_val(response.bounds)).next_multiple_of(64);
+    let index_at = (part.len() - response.rows().len())
+        - (size_of_val(&response.index[..]) + size_of_val(&response.bounds[..])).next_multiple_of(64);
     let change = |row: usize, change: fn(&mut RowEntry)| {
         let mut sections = sections(&bytes);
         let clrt = sections.iter_mut().find(|section| section.tag == ResponseSection::TAG).unwrap();

@@ -50,6 +50,8 @@ mod codec;
 #[cfg(test)]
 mod frame;
 #[cfg(test)]
+mod front_door;
+#[cfg(test)]
 mod golden;
 #[cfg(test)]
 mod hostile_files;

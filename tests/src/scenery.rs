@@ -34,6 +34,7 @@ fn dusk(town: &Town) -> Picture {
         ambient: &|normal| sky.ambient_irradiance(normal),
         points: &[],
         images: &[],
+        strokes: &[],
         glows: &[],
         leaves: &|_, direction| sky.radiance(direction),
     };

@@ -12,10 +12,10 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
 use squall_formats::section::response::{DirectionalBasis, ResponseSection};
 use squall_formats::units::Radians;
-use squall_runtime::Asset;
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::relight::{PointLight, RelightBuffers, Relighter};
 use squall_runtime::stroke::Stroke;
+use squall_runtime::{Asset, Clouds};
 use std::path::Path;
 
 /// A cloud 2 km from the eyes, thick enough to hide its far side: 7 × 10 × 5 cells of 100 m, a mean free path of 20 m behind
@@ -165,13 +165,13 @@ fn a_budget_in_milliseconds_out_of_reach_says_the_best_there_is_and_what_helps()
 fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let asset = baked(folder.path(), &fixed("view-region-0", VIEWPOINTS));
-    let relighter = Relighter::new(&asset).unwrap();
+    let mut clouds = Clouds::new(&asset).unwrap();
     let lights = [PointLight { position: DVec3::new(0.0, 2400.0, 900.0), intensity: 1.0 }];
-    let shown = |position: DVec3, cells: bool| {
+    let mut shown = |position: DVec3, cells: bool| {
         let way = DVec3::new(0.0, 2400.0, 900.0) - position;
         let perspective = Projection::Perspective { vertical_fov: Radians(0.5) };
         let camera = Camera::new(position, way, DVec3::Z, perspective, [16, 12]).unwrap();
-        let drawn = relight(&relighter, &lights, ("eye", &camera), None, cells, &Quiet);
+        let drawn = relight(&mut clouds, &lights, ("eye", &camera), None, cells, &Quiet);
         drawn.map(|(fields, _)| fields.images[0].2.mean.clone()).map_err(|error| error.to_string())
     };
     let picture = shown(DVec3::new(0.0, 0.0, 2.0), false).unwrap();
@@ -184,7 +184,7 @@ fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
     assert!(error.contains("fields") && error.contains("towards eyes alone"), "{error}");
     let flat = Projection::Orthographic { half_width: 100.0, half_height: 100.0 };
     let flat = Camera::new(DVec3::ZERO, DVec3::Y, DVec3::Z, flat, [4, 4]).unwrap();
-    let error = relighter.check_camera(&flat).unwrap_err().to_string();
+    let error = clouds.relighter().check_camera(&flat).unwrap_err().to_string();
     assert!(error.contains("an orthographic camera"), "{error}");
 }
 

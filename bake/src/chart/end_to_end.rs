@@ -17,6 +17,7 @@ use glam::DVec3;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
+use squall_runtime::Clouds;
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::frame::camera_of;
 use squall_runtime::live::LiveSolver;
@@ -156,13 +157,13 @@ impl Shot<'_> {
         let sources = Sources { lights, distant: Vec::new() };
         let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
         let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
-        let relighter = Relighter::new(&asset)?;
+        let mut clouds = Clouds::new(&asset)?;
         let (done, cost) =
-            seconds(REPEATS, || relight(&relighter, stroke, ("camera", &self.camera), None, false, &Quiet));
+            seconds(REPEATS, || relight(&mut clouds, stroke, ("camera", &self.camera), None, false, &Quiet));
         let (fields, report) = done?;
         let inner = match report.live {
-            Some(_) => live_cost(cloud, &relighter, stroke, settings.refine)?,
-            None => relight_cost(&relighter, stroke)?,
+            Some(_) => live_cost(cloud, clouds.relighter(), stroke, settings.refine)?,
+            None => relight_cost(clouds.relighter(), stroke)?,
         };
         Ok(Point {
             series: String::new(),
@@ -180,7 +181,7 @@ impl Shot<'_> {
 /// What solving for a stroke's scattered light takes; direct light comes on top either way.
 fn live_cost(
     cloud: &Cloud,
-    relighter: &Relighter<'_>,
+    relighter: &Relighter,
     stroke: &[PointLight],
     refine: u32,
 ) -> Result<Cost, BakeError> {
@@ -192,7 +193,7 @@ fn live_cost(
 }
 
 /// What relighting a stroke from rows takes.
-fn relight_cost(relighter: &Relighter<'_>, stroke: &[PointLight]) -> Result<Cost, BakeError> {
+fn relight_cost(relighter: &Relighter, stroke: &[PointLight]) -> Result<Cost, BakeError> {
     let mut buffers = RelightBuffers::default();
     let mut relight = || -> Result<(), BakeError> {
         relighter.relight(stroke, RelightOptions::default(), &mut buffers)?;

@@ -20,8 +20,7 @@ use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::response::ResponseSection;
 use squall_formats::section::streak::StreakSection;
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm, tone_of};
-use squall_runtime::{Asset, RuntimeError, verify};
+use squall_runtime::{Asset, RuntimeError, StormRenderer, verify};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -111,7 +110,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let bars = args.common.start()?;
     let mut report = Report::new(&args.recipe, out);
     if let Some(asset) = unchanged {
-        keep(&args, &recipe, &asset, &bars, &mut report)?;
+        keep(&args, &recipe, asset, &bars, &mut report)?;
     } else {
         bake(&args, &recipe, out, &bars, &mut report)?;
     }
@@ -128,7 +127,8 @@ fn bake(args: &Args, recipe: &Recipe, file: &Path, bars: &Bars, report: &mut Rep
     let out = Output::prepare(file)?;
     let preview = args.preview.as_deref().map(|path| PictureFile::prepare(path, None)).transpose()?;
     memory::require_bake(recipe, rayon::current_num_threads() as u64, args.memory.limit())?;
-    let cache = args.cache.open(file, || Ok(estimate(recipe)?.clouds.map_or(0.0, |clouds| clouds.cpu_seconds)))?;
+    let cache =
+        args.cache.open(file, || Ok(estimate(recipe)?.clouds.map_or(0.0, |clouds| clouds.cpu_seconds)))?;
     let baked = pipeline::bake_with(recipe, cache.as_ref(), bars)?;
     bars.check()?;
     let length = container::write(&mut std::io::sink(), &baked.sections)?;
@@ -147,13 +147,13 @@ fn bake(args: &Args, recipe: &Recipe, file: &Path, bars: &Bars, report: &mut Rep
     // What was written need not be a file.
     let mut whole = Vec::with_capacity(length as usize);
     container::write(&mut whole, &baked.sections)?;
-    draw(&Asset::from_bytes(&whole)?, &preview, bars, report)
+    draw(Asset::from_bytes(&whole)?, &preview, bars, report)
 }
 
 /// Keeps an asset that a bake would only make again.
-fn keep(args: &Args, recipe: &Recipe, asset: &Asset, bars: &Bars, report: &mut Report) -> anyhow::Result<()> {
+fn keep(args: &Args, recipe: &Recipe, asset: Asset, bars: &Bars, report: &mut Report) -> anyhow::Result<()> {
     report.unchanged = true;
-    report.figures = figures_of(asset)?;
+    report.figures = figures_of(&asset)?;
     let name = asset.path().display().to_string();
     bars.say(&format!(
         "{name}: unchanged, nothing to do: made from this recipe and these inputs by this version"
@@ -167,15 +167,14 @@ fn keep(args: &Args, recipe: &Recipe, asset: &Asset, bars: &Bars, report: &mut R
 }
 
 /// Draws an asset's own view.
-fn draw(asset: &Asset, preview: &PictureFile, bars: &Bars, report: &mut Report) -> anyhow::Result<()> {
+fn draw(asset: Asset, preview: &PictureFile, bars: &Bars, report: &mut Report) -> anyhow::Result<()> {
     let start = Instant::now();
     bars.begin("preview", 1);
-    let storm = Storm::new(asset)?;
-    let Some(view) = storm.view() else { return Ok(()) };
-    let mut memory = FrameMemory::default();
-    let drawn = storm.draw(view, FrameQuality::default(), &mut memory)?;
-    preview.write(memory.picture.as_ref(), &tone_of(&view.tone))?;
-    bars.say(&preview.words(view, &drawn, start.elapsed().as_secs_f64()));
+    let mut renderer = StormRenderer::new(asset)?;
+    let Some(frame) = renderer.frame() else { return Ok(()) };
+    renderer.render(&frame)?;
+    preview.write(renderer.picture(), &renderer.tone())?;
+    bars.say(&preview.words(renderer.picture(), &renderer.report(), start.elapsed().as_secs_f64()));
     report.preview = Some(preview.name());
     Ok(())
 }

@@ -16,6 +16,7 @@ use squall_formats::section::response::{Codec, DirectTerm, NO_ROW, ResponseHead,
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
+use squall_runtime::relight::share_lit;
 use squall_runtime::{Asset, RuntimeError};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -241,12 +242,11 @@ fn describe_response(head: &ResponseHead) -> String {
     let lights = head.sources.light_grid().map_or_else(String::new, |(grid, rows)| {
         let baked = rows.iter().filter(|&&row| row != NO_ROW).count();
         let [x, y, z] = grid.axes().map(<[f64]>::len);
-        let pruned = if baked < rows.len() {
-            format!(" (pruned: {:.2} % of their box can be lit)", 100.0 * contents::share_of_bounds(head))
-        } else {
-            String::new()
+        let lit = match baked == rows.len() {
+            true => "not pruned: the whole box is lit".to_owned(),
+            false => format!("pruned: {:.1} % of the box is lit", 100.0 * share_lit(&head.sources)),
         };
-        format!("{baked} of {x} × {y} × {z} virtual lights{pruned}, ")
+        format!("{baked} of {x} × {y} × {z} virtual lights ({lit}), ")
     });
     let basis = head.basis.name();
     let cells = head.shape.len();

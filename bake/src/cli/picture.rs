@@ -3,9 +3,8 @@
 use squall_bake::BakeError;
 use squall_bake::output::{Output, Place};
 use squall_bake::picture::{encode_exr, encode_png8};
-use squall_formats::section::view::ViewSection;
-use squall_runtime::frame::FrameReport;
 use squall_runtime::picture::Picture;
+use squall_runtime::renderer::FrameReport;
 use squall_runtime::tone::Tone;
 use std::io::Write;
 use std::path::Path;
@@ -57,9 +56,8 @@ impl PictureFile {
         self.output.name()
     }
 
-    /// Writes the picture; `tone` develops a PNG. Errors: nothing was drawn; as [`Output::write`].
-    pub fn write(&self, picture: Option<&Picture>, tone: &Tone) -> anyhow::Result<()> {
-        let Some(picture) = picture else { anyhow::bail!("{}: nothing was drawn", self.name()) };
+    /// Writes the picture; `tone` develops a PNG. Errors: as [`Output::write`].
+    pub fn write(&self, picture: &Picture, tone: &Tone) -> anyhow::Result<()> {
         let bytes = match self.format {
             Format::Png => encode_png8(picture, tone)?,
             Format::Exr => encode_exr(picture)?,
@@ -68,10 +66,13 @@ impl PictureFile {
     }
 
     /// What was drawn, in words.
-    pub fn words(&self, view: &ViewSection, report: &FrameReport, seconds: f64) -> String {
-        let [width, height] = view.camera.size_px;
-        let FrameReport { lights, sources, streaks } = report;
-        let light = format!("{lights} points of lightning on {sources} baked sources");
+    pub fn words(&self, picture: &Picture, report: &FrameReport, seconds: f64) -> String {
+        let [width, height] = [picture.width, picture.height];
+        let FrameReport { lights, sources, streaks, lights_live, .. } = *report;
+        let mut light = format!("{lights} points of lightning on {sources} baked sources");
+        if lights_live > 0 {
+            light += &format!(" ({lights_live} solved for on the spot)");
+        }
         format!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", self.name())
     }
 }
@@ -93,8 +94,7 @@ impl Sheet {
     }
 
     /// Puts a picture in its place, every two by two of its pixels averaged.
-    pub fn place(&mut self, column: usize, row: usize, picture: Option<&Picture>) {
-        let Some(picture) = picture else { return };
+    pub fn place(&mut self, column: usize, row: usize, picture: &Picture) {
         for y in 0..self.tile[1] {
             for x in 0..self.tile[0] {
                 let mut sum = [0.0f32; 3];

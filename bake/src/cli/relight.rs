@@ -13,7 +13,7 @@ use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::relit::{DirectFrom, relight};
-use squall_runtime::relight::Relighter;
+use squall_runtime::Clouds;
 use squall_runtime::tone::Tone;
 use std::io::Write;
 use std::path::PathBuf;
@@ -74,7 +74,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let start = Instant::now();
     let out = PictureFile::prepare(&args.out, args.format)?;
     let asset = asset::open(&args.asset)?;
-    let relighter = Relighter::new(&asset)?;
+    let mut clouds = Clouds::new(&asset)?;
     let lamps = read_lights(&args.lamps)?;
     let (name, camera) = read_camera(&args.camera)?;
     check_apart(&[&args.out], [&args.asset, &args.lamps, &args.camera].into_iter())?;
@@ -93,22 +93,26 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Direct::Rows => DirectFrom::Rows,
         Direct::Lamps => DirectFrom::Lamps,
     });
-    let (fields, report) = relight(&relighter, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
+    let (fields, report) = relight(&mut clouds, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
     bars.finish();
     bars.check()?;
     if let Some(live) = report.live {
-        let [low, high] = relighter.reach();
+        let [low, high] = clouds.bounds();
         eprintln!(
-            "note: {} of {} lamps lie outside what was baked (within {low} to {high} m); solved for on the spot, {} sweeps, \
-             {:.2} s",
-            report.lights_outside, report.lights, live.sweeps, live.seconds
+            "note: {} of {} lamps lie outside what was baked ({:.1} % of the box from {low} to {high} m); solved for on the \
+             spot, {} sweeps, {:.2} s",
+            report.lights_outside,
+            report.lights,
+            100.0 * clouds.share_lit(),
+            live.sweeps,
+            live.seconds
         );
     }
     let (_, width, image) = fields.images.first().ok_or_else(|| BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
-    out.write(Some(&shown), &tone)?;
+    out.write(&shown, &tone)?;
     bars.say(&format!(
         "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
         out.name(),
@@ -121,7 +125,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut summary = json!({
         "tool": tool(),
         "asset": args.asset.to_string_lossy(),
-        "dims_xyz": relighter.cloud().shape.to_array(),
+        "dims_xyz": clouds.cloud().shape.to_array(),
         "exposure": exposure,
         "seconds": start.elapsed().as_secs_f64(),
         "files": [],

@@ -10,8 +10,10 @@ use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::frame::{FrameMemory, FrameQuality, FrameReport, Storm, tone_of};
+use squall_formats::units::MillimetresPerHour;
+use squall_runtime::frame::{FrameReport, tone_of};
 use squall_runtime::picture::Picture;
+use squall_runtime::{Frame, RuntimeError, StormRenderer};
 use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
@@ -78,12 +80,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let start = std::time::Instant::now();
     let out = PictureFile::prepare(&args.out, args.format)?;
     folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene))?;
-    let asset = asset::open(&args.asset)?;
-    let storm = Storm::new(&asset)?;
-    let view = view_of(&args, &storm)?;
-    let mut quality = FrameQuality::default();
-    quality.town.samples = args.samples;
-    let mut memory = FrameMemory::default();
+    let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
+    let view = view_of(&args, &renderer)?;
+    view.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
+    let mut frame = Frame::from(&view);
+    frame.quality.town.samples = args.samples;
     let tone = tone_of(&view.tone).brighter(args.stops);
     let bars = args.common.start()?;
     if args.contact_sheet {
@@ -91,31 +92,24 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
         for row in 0..2 {
             for (column, rate) in SHEET_RATES.into_iter().enumerate() {
-                let mut one = view.clone();
-                one.rain.rate_mm_per_h = rate;
-                if row == 0 {
-                    one.flashes.clear();
-                }
-                storm.draw(&one, quality, &mut memory)?;
-                sheet.place(column, row, memory.picture.as_ref());
+                let one = frame.clone().rain(MillimetresPerHour(rate));
+                let one = if row == 0 { one.dark() } else { one };
+                sheet.place(column, row, renderer.render(&one)?);
                 bars.check()?;
                 bars.advance(1);
             }
         }
-        out.write(Some(sheet.picture()), &tone)?;
+        out.write(sheet.picture(), &tone)?;
         let seconds = start.elapsed().as_secs_f64();
         bars.say(&format!("{}: 8 pictures, {seconds:.2} s", out.name()));
         return answer(&args, sheet.picture(), None, seconds);
     }
     bars.begin("picture", 1);
-    let report = storm.draw(&view, quality, &mut memory)?;
-    out.write(memory.picture.as_ref(), &tone)?;
-    let seconds = start.elapsed().as_secs_f64();
-    bars.say(&out.words(&view, &report, seconds));
-    match &memory.picture {
-        Some(picture) => answer(&args, picture, Some(&report), seconds),
-        None => Ok(()),
-    }
+    renderer.render(&frame)?;
+    out.write(renderer.picture(), &tone)?;
+    let (report, seconds) = (renderer.report(), start.elapsed().as_secs_f64());
+    bars.say(&out.words(renderer.picture(), &report, seconds));
+    answer(&args, renderer.picture(), Some(&report), seconds)
 }
 
 /// Says in JSON, where that was asked for, what was drawn: one frame with its report, or a sheet of several.
@@ -132,6 +126,7 @@ fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds:
         "size_px": [picture.width, picture.height],
         "frames": if report.is_some() { 1 } else { 2 * SHEET_RATES.len() },
         "lights": count(|report| report.lights),
+        "lights_live": count(|report| report.lights_live),
         "sources": count(|report| report.sources),
         "streaks": count(|report| report.streaks),
         "seconds": seconds,
@@ -139,9 +134,9 @@ fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds:
 }
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.
-fn view_of(args: &Args, storm: &Storm<'_>) -> anyhow::Result<ViewSection> {
-    let strokes: Vec<String> = storm.strokes().iter().map(|record| record.name.clone()).collect();
-    let mut view = match (&args.scene, storm.view()) {
+fn view_of(args: &Args, renderer: &StormRenderer) -> anyhow::Result<ViewSection> {
+    let strokes: Vec<String> = renderer.strokes().iter().map(|record| record.name.clone()).collect();
+    let mut view = match (&args.scene, renderer.view()) {
         (Some(path), _) => read_view(path, &strokes)?,
         (None, Some(view)) => view.clone(),
         (None, None) => {

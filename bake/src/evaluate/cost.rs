@@ -37,7 +37,7 @@ pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
 ///
 /// Errors: a point outside what was baked.
 pub fn stroke_ms(
-    relighter: &Relighter<'_>,
+    relighter: &Relighter,
     lights: &[PointLight],
     buffers: &mut RelightBuffers,
 ) -> Result<f64, BakeError> {
@@ -65,7 +65,7 @@ pub fn flashes(recipe: &Recipe) -> Vec<Vec<PointLight>> {
 ///
 /// Errors: a point that is not finite.
 pub fn most_ms<'a>(
-    relighter: &Relighter<'_>,
+    relighter: &Relighter,
     strokes: impl Iterator<Item = &'a [PointLight]>,
 ) -> Result<f64, BakeError> {
     let mut buffers = RelightBuffers::default();

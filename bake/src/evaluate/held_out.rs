@@ -41,7 +41,7 @@ impl HeldOutSet {
     /// Relights every stroke from `relighter`'s bytes; scores are [`RelitError::mean`] over strokes.
     ///
     /// Errors: a stroke that the asset has no rows for, a damaged row.
-    pub fn scores(&self, relighter: &Relighter<'_>, strokes: &[HeldOutStroke]) -> Result<Scores, BakeError> {
+    pub fn scores(&self, relighter: &Relighter, strokes: &[HeldOutStroke]) -> Result<Scores, BakeError> {
         let frame =
             relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
         let factors = self.views.factors(relighter.response().head.basis, frame.as_ref());
@@ -67,11 +67,7 @@ impl HeldOutSet {
 /// Scores of one response alone: [`HeldOutSet::scores`].
 ///
 /// Errors: as there.
-pub fn evaluate(
-    relighter: &Relighter<'_>,
-    strokes: &[HeldOutStroke],
-    number: u64,
-) -> Result<Scores, BakeError> {
+pub fn evaluate(relighter: &Relighter, strokes: &[HeldOutStroke], number: u64) -> Result<Scores, BakeError> {
     let set =
         HeldOutSet::new(relighter.cloud(), relighter.view_region(), relighter.direct(), strokes, number);
     set.scores(relighter, strokes)

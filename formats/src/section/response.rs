@@ -125,31 +125,12 @@ impl<'a> ResponseSection<'a> {
 
     /// The bytes of row `row` with their checksum verified.
     pub fn row(&self, row: usize) -> Result<&'a [u8], ReadError> {
-        let bytes = self.row_unchecked(row)?;
-        let (wanted, found) = (self.index[row].checksum, checksum(bytes));
-        if wanted != found {
-            return Err(ReadError::Checksum {
-                section: Self::TAG,
-                part: format!("row {row}"),
-                wanted,
-                found,
-            });
-        }
-        Ok(bytes)
+        checked_row(self.index, self.rows, row)
     }
 
     /// The bytes of row `row`, for a reader that has verified it before.
     pub fn row_unchecked(&self, row: usize) -> Result<&'a [u8], ReadError> {
-        let entry = self
-            .index
-            .get(row)
-            .ok_or_else(|| invalid(None, "row", "below the row count", row.to_string()))?;
-        let start = entry.offset as usize;
-        self.rows.get(start..start + entry.length as usize).ok_or(ReadError::Truncated {
-            section: Self::TAG,
-            offset: entry.offset,
-            missing: u64::from(entry.length),
-        })
+        row_bytes(self.index, self.rows, row)
     }
 
     /// Bounds of row `row`, one a coefficient.
@@ -158,18 +139,47 @@ impl<'a> ResponseSection<'a> {
         self.bounds.get(row * coefficients..(row + 1) * coefficients).unwrap_or_default()
     }
 
-    /// Checks that the rows describe the cells of the asset's cloud grid, whose shape is `cloud`.
+    /// Checks that the rows describe the cells of the asset's cloud grid: [`check_grid`].
     ///
-    /// Errors: another shape. Light on blocks of cells is not read by any version.
+    /// Errors: another shape.
     pub fn check_grid(&self, cloud: GridShape) -> Result<(), ReadError> {
-        if self.head.shape == cloud {
-            return Ok(());
-        }
-        let [nx, ny, nz] = self.head.shape.to_array();
-        let [cx, cy, cz] = cloud.to_array();
-        let found = format!("{nx} × {ny} × {nz} cells beside {cx} × {cy} × {cz} of section CLDG");
-        Err(invalid(None, "shape", "the cloud grid's", found))
+        check_grid(self.head.shape, cloud)
     }
+}
+
+/// Checks that rows of the shape `response` describe the cells of the asset's cloud grid, whose shape is `cloud`.
+///
+/// Errors: another shape. Light on blocks of cells is not read by any version.
+pub fn check_grid(response: GridShape, cloud: GridShape) -> Result<(), ReadError> {
+    if response == cloud {
+        return Ok(());
+    }
+    let [nx, ny, nz] = response.to_array();
+    let [cx, cy, cz] = cloud.to_array();
+    let found = format!("{nx} × {ny} × {nz} cells beside {cx} × {cy} × {cz} of section CLDG");
+    Err(invalid(None, "shape", "the cloud grid's", found))
+}
+
+/// The bytes of row `row` among all `rows`, unchecked. Errors: no such row.
+pub fn row_bytes<'a>(index: &[RowEntry], rows: &'a [u8], row: usize) -> Result<&'a [u8], ReadError> {
+    let entry = index.get(row).ok_or_else(|| invalid(None, "row", "below the row count", row.to_string()))?;
+    let start = entry.offset as usize;
+    rows.get(start..start + entry.length as usize).ok_or(ReadError::Truncated {
+        section: ResponseSection::TAG,
+        offset: entry.offset,
+        missing: u64::from(entry.length),
+    })
+}
+
+/// The same with the row's checksum verified. Errors: no such row, or a damaged one.
+pub fn checked_row<'a>(index: &[RowEntry], rows: &'a [u8], row: usize) -> Result<&'a [u8], ReadError> {
+    let bytes = row_bytes(index, rows, row)?;
+    let (wanted, found) = (index[row].checksum, checksum(bytes));
+    if wanted != found {
+        let part = format!("row {row}");
+        return Err(ReadError::Checksum { section: ResponseSection::TAG, part, wanted, found });
+    }
+    Ok(bytes)
 }
 
 /// Rows follow each other without gap or overlap and fill the section.

@@ -11,20 +11,18 @@ use squall_formats::section::density::DensitySection;
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::{Block, Ground, HeightMap, Road, StreetLamp, TownSection, Windows};
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
-use squall_runtime::{Asset, RuntimeError};
+use squall_runtime::frame::FrameQuality;
+use squall_runtime::{Asset, Frame, RuntimeError, StormRenderer};
 use squall_runtime_fuzz::{asset, cloud, cloud_section, number, numbers, response, stroke};
 
 /// Draws `view` and gives the picture's pixels: the one place that knows how frames are asked for.
 fn draw_frame(asset: &Asset, view: &ViewSection) -> std::result::Result<Vec<[f32; 3]>, RuntimeError> {
-    let storm = Storm::new(asset)?;
+    let mut renderer = StormRenderer::new(asset)?;
     let quality = FrameQuality {
         town: squall_runtime::shade::town::frame::Quality { samples: 1, facets: 1 },
         rays_per_point: 8,
     };
-    let mut memory = FrameMemory::default();
-    storm.draw(view, quality, &mut memory)?;
-    Ok(memory.picture.map(|picture| picture.pixels).unwrap_or_default())
+    Ok(renderer.render(&Frame::from(view).quality(quality))?.pixels.clone())
 }
 
 /// Sections of the golden asset that are tables: how dense rain is, what streaks look like.

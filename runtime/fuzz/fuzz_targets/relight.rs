@@ -5,8 +5,8 @@
 use arbitrary::{Result, Unstructured};
 use glam::DVec3;
 use libfuzzer_sys::fuzz_target;
-use squall_runtime::flash::{DirectSettings, add_direct};
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
+use squall_runtime::single_scatter::{DirectSettings, add_direct};
 use squall_runtime::verify::verify;
 use squall_runtime_fuzz::{asset, cloud, cloud_section, number, numbers, response};
 
@@ -24,7 +24,7 @@ fn relight(u: &mut Unstructured<'_>) -> Result<()> {
     let lights: Vec<PointLight> = (0..u.int_in_range(0..=4)?)
         .map(|_| {
             let position = DVec3::from_array(numbers(u, -2500.0, 6000.0)?);
-            let [low, high] = relighter.reach();
+            let [low, high] = relighter.bounds();
             // Half of them within the box of the virtual lights.
             let position = if u.arbitrary()? { position.clamp(low, high) } else { position };
             Ok(PointLight { position, intensity: number(u, -1e3, 1e3)? })

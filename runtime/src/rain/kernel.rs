@@ -45,7 +45,7 @@ pub struct Span<'a> {
 /// kernel decides where coverage lies and physics how much there is.
 pub trait Kernel: Sync {
     /// Working memory, one per thread, kept from frame to frame.
-    type Scratch: Default + Send + 'static;
+    type Scratch: Default + Send + Sync + 'static;
 
     /// Pixels that a footprint may touch; `None` when it draws nothing.
     fn bounds(&self, footprint: &Footprint) -> Option<Clip>;

@@ -50,7 +50,7 @@ struct Band {
     /// Four planes: light of the streaks, three colours, and the share of background that they leave.
     layers: Vec<f32>,
     /// The kernel's working memory: whatever type the last kernel had.
-    scratch: Box<dyn Any + Send>,
+    scratch: Box<dyn Any + Send + Sync>,
 }
 
 impl Default for Band {

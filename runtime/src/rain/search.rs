@@ -96,13 +96,15 @@ impl Search {
         let margin = 0.5 * speeds[0].max(speeds[1]) * shot.exposure.0 + Metres::from(to).0;
         let half = camera.half_extent();
         // A few pixels for the soft edge of kernels.
-        let soft = DVec2::new(8.0 / f64::from(camera.width), 8.0 / f64::from(camera.height));
+        let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+        let soft = DVec2::new(8.0 / size.x, 8.0 / size.y);
         let eye = Viewpoint {
             position: place,
             right: camera.right,
             up: camera.up,
             forward: camera.forward,
-            tangent: half * (DVec2::ONE + soft),
+            // A lattice's frustum is symmetric: with an off-centre axis it reaches to the farther side.
+            tangent: half * (DVec2::ONE + soft + 2.0 * camera.shift_px.abs() / size),
         };
         let width = to.0 - from.0;
         let slope = drops::slope(weather.rate);

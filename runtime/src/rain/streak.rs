@@ -38,6 +38,10 @@ pub(crate) struct Lens {
     pub half_height: f64,
     /// Half extents of the picture at unit depth.
     pub tangent: DVec2,
+    /// From the picture's middle to the camera's axis, px.
+    pub shift: DVec2,
+    /// Pixels across over pixels down for the same angle.
+    pub stretch: f64,
 }
 
 /// A drop in camera space.
@@ -56,7 +60,8 @@ const NEAREST_SHARE: f64 = 0.05;
 impl Lens {
     fn pixel(&self, point: DVec3) -> [f64; 2] {
         let scale = self.focal / point.z;
-        [self.half_width + point.x * scale, self.half_height - point.y * scale]
+        let (x, y) = (self.half_width + self.shift.x, self.half_height + self.shift.y);
+        [x + point.x * scale * self.stretch, y - point.y * scale]
     }
 
     /// The drop's streak; `None` when none of it can touch the picture.
@@ -83,7 +88,9 @@ impl Lens {
         // A sphere off the axis is seen as an ellipse, longer by the secant of its angle.
         let secant = (1.0 + tangent.length_squared()).sqrt();
         let seen = 0.5 * (before + after);
-        let coverage = std::f64::consts::FRAC_PI_4 * width * width * secant * seen;
+        let coverage = std::f64::consts::FRAC_PI_4 * width * width * self.stretch * secant * seen;
+        let shift = DVec2::new(self.shift.x / self.stretch, -self.shift.y) / self.focal;
+        let (x, y) = (tangent.x + shift.x, tangent.y + shift.y);
         Some(Streak {
             id: drop.id,
             ends: ends.map(|end| end.map(|value| value as f32)),
@@ -94,7 +101,7 @@ impl Lens {
             coverage: coverage as f32,
             pattern: (crate::random::mix(drop.id ^ 0x7061_7474_6572_6E00) >> 32) as u32,
             class: drop.class,
-            inside: tangent.x.abs() <= self.tangent.x && tangent.y.abs() <= self.tangent.y,
+            inside: x.abs() <= self.tangent.x && y.abs() <= self.tangent.y,
         })
     }
 }

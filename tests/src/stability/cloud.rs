@@ -116,7 +116,7 @@ fn rays_through_thin_thick_and_far_clouds_obey_beer_and_lambert_and_end() {
         ([2, 2, 1000], [50.0, 50.0, 0.1]),
     ];
     for (shape, cell_m) in cases {
-        for extinction in [0.0f32, 1e-9, 1e-4, 0.01, 0.1, 10.0, 1e6] {
+        for extinction in [0.0f32, 1e-9, 1e-4, 0.01, 0.1, 10.0, 1e6, 1e12] {
             let cloud = uniform(shape, cell_m, extinction);
             let prepared = CloudShape::new(&cloud);
             let cells = vec![Vec4::new(1.0, 2.0, 3.0, extinction); cloud.shape.len()];

@@ -10,12 +10,12 @@ use squall_formats::section::view::ViewSection;
 use squall_formats::units::{Metres, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::density::lookup_counts;
-use squall_runtime::depth::{DepthBuffer, DepthKind};
-use squall_runtime::frame::{FrameMemory, FrameQuality, Storm};
+use squall_runtime::depth::{DepthBuffer, DepthHoles, DepthKind};
 use squall_runtime::medium::{Illumination, Medium, Outlook};
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{RainVolume, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
 use squall_runtime::tone::Tone;
+use squall_runtime::{Frame, StormRenderer};
 
 #[test]
 fn rates_from_nothing_to_a_cloudburst_have_their_drops_or_are_refused_with_the_range() {
@@ -164,23 +164,24 @@ fn a_step_of_a_day_leaves_the_same_rain_and_a_camera_at_any_speed_finite_streaks
 }
 
 #[test]
-fn depth_of_zero_of_infinity_and_of_no_number_is_rain_in_front_of_something() {
+fn depth_of_zero_and_of_no_number_is_left_alone_and_of_infinity_is_endless_rain() {
     let projection = Projection::Perspective { vertical_fov: squall_formats::units::Degrees(60.0).into() };
     let camera = Camera::new(DVec3::Z * 2.0, DVec3::X, DVec3::Z, projection, [4, 2]).unwrap();
     let metres = [0.0, f32::NAN, -1.0, f32::NEG_INFINITY, f32::INFINITY, 1e-30, 1e30, 100.0];
     let medium = Medium::whole(rate(25.0));
     let light = Illumination { ambient: [1.0; 3], ..Default::default() };
     println!("| holes at | transmittance of 0, NaN, −1, −∞, ∞, 1e-30, 1e30, 100 m |");
-    for (unknown, hole) in [(f64::INFINITY, 0.0), (f64::NAN, 0.0), (-5.0, 0.0), (0.0, 1.0), (1e-9, 1.0)] {
+    for (unknown, hole) in [(f64::INFINITY, 0.0), (f64::NAN, 1.0), (-5.0, 1.0), (0.0, 1.0), (1e-9, 1.0)] {
         for kind in [DepthKind::Planar, DepthKind::Range] {
-            let depth = DepthBuffer::new(&metres, 4, 2, kind).unwrap().with_unknown(Metres(unknown));
+            let holes = DepthHoles::At(Metres(unknown));
+            let depth = DepthBuffer::new(&metres, 4, 2, kind).unwrap().with_holes(holes);
             let outlook =
                 Outlook { camera: &camera, volume: RainVolume::default(), light, depth: Some(depth) };
             let mut picture = Picture::new(4, 2).unwrap();
             picture.pixels.fill([f32::INFINITY; 3]);
             picture.pixels[7] = [3.0; 3];
             let mut left = [f32::NAN; 8];
-            medium.apply(&outlook, &mut picture, &mut left).unwrap();
+            assert_eq!(medium.apply(&outlook, &mut picture, &mut left).unwrap(), 4);
             println!("| {unknown} | {left:?} |");
             assert!(left[..4].iter().all(|&v| v == hole), "{unknown}: {left:?}");
             assert_eq!(left[4..7], [0.0, 1.0, 0.0]);
@@ -197,9 +198,7 @@ fn depth_of_zero_of_infinity_and_of_no_number_is_rain_in_front_of_something() {
 #[test]
 fn views_at_the_ends_of_their_ranges_are_drawn_with_finite_light_or_refused_by_name() {
     let asset = asset(sections());
-    let storm = Storm::new(&asset).unwrap();
-    let quality = FrameQuality { rays_per_point: 64, ..FrameQuality::default() };
-    let mut memory = FrameMemory::default();
+    let mut renderer = StormRenderer::new(&asset).unwrap();
     type Change = fn(&mut ViewSection);
     let cases: [(&str, Change); 24] = [
         ("fov 1°", |v| v.camera.vertical_fov_rad = 0.01745),
@@ -229,13 +228,14 @@ fn views_at_the_ends_of_their_ranges_are_drawn_with_finite_light_or_refused_by_n
     ];
     println!("| view | light or refusal |");
     for (name, change) in cases {
-        let mut view = storm.view().unwrap().clone();
+        let mut view = renderer.view().unwrap().clone();
         view.camera.size_px = [48, 32];
         view.rain.rate_mm_per_h = 10.0;
         change(&mut view);
-        match storm.draw(&view, quality, &mut memory) {
-            Ok(_) => {
-                let picture = memory.picture.as_ref().unwrap();
+        let mut frame = Frame::from(&view);
+        frame.quality.rays_per_point = 64;
+        match renderer.render(&frame) {
+            Ok(picture) => {
                 let bad = picture.pixels.iter().flatten().filter(|v| !(v.is_finite() && **v >= 0.0)).count();
                 let sum: f64 = picture.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
                 println!("| {name} | {:.3e}, {bad} bad |", sum / (3.0 * picture.pixels.len() as f64));

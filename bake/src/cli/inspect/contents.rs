@@ -6,9 +6,10 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::provenance::InputRecord;
 use squall_formats::section::response::{
-    Codec, DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseHead, ResponseSection,
+    Codec, DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseSection,
 };
 use squall_formats::section::view::ViewSection;
+use squall_runtime::relight::share_lit;
 use squall_runtime::{Asset, RuntimeError};
 
 /// A file that went in.
@@ -51,7 +52,7 @@ pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
         "bounds_m": grid.map(|(grid, _)| grid.bounds()),
         "virtual_lights": baked,
         "prune": grid.zip(baked).map(|((_, rows), baked)| baked < rows.len()),
-        "share_of_bounds": grid.map(|_| share_of_bounds(&head)),
+        "share_of_bounds": grid.map(|_| share_lit(&head.sources)),
         "distant": distant.collect::<Vec<_>>(),
         "basis": basis,
         "degree": degree,
@@ -80,32 +81,4 @@ pub fn strokes(asset: &Asset) -> Result<Value, RuntimeError> {
 pub fn view(asset: &Asset) -> Result<Value, RuntimeError> {
     let view = asset.section(ViewSection::TAG, "the view", ViewSection::read)?;
     Ok(serde_json::to_value(view).unwrap_or_default())
-}
-
-/// Share of the light grid's box in which a point light can be relit from rows: the volume between eight nodes that all have one. An axis of a
-/// single node counts as one interval.
-pub fn share_of_bounds(head: &ResponseHead) -> f64 {
-    let Some((grid, rows)) = head.sources.light_grid() else { return 0.0 };
-    let [x_m, y_m, z_m] = grid.axes();
-    let intervals = |axis: &[f64]| -> Vec<([usize; 2], f64)> {
-        match axis {
-            [_] => vec![([0, 0], 1.0)],
-            _ => axis.windows(2).enumerate().map(|(at, ends)| ([at, at + 1], ends[1] - ends[0])).collect(),
-        }
-    };
-    let has_row = |x: usize, y: usize, z: usize| {
-        rows.get(x + x_m.len() * (y + y_m.len() * z)).is_some_and(|&row| row != NO_ROW)
-    };
-    let (mut lit, mut whole) = (0.0, 0.0);
-    for (z, depth) in intervals(z_m) {
-        for (y, height) in intervals(y_m) {
-            for (x, width) in intervals(x_m) {
-                let volume = width * height * depth;
-                let all = z.iter().all(|&z| y.iter().all(|&y| x.iter().all(|&x| has_row(x, y, z))));
-                whole += volume;
-                lit += if all { volume } else { 0.0 };
-            }
-        }
-    }
-    if whole > 0.0 { lit / whole } else { 0.0 }
 }

@@ -10,6 +10,9 @@ use glam::DVec3;
 /// Shortest distance to a light that counts, m, for rays without a width.
 const NEAREST: f64 = 1e-3;
 
+/// Optical depth from which on all of a step's light comes from its nearest place: e^−depth itself would vanish.
+const DEEPEST: f64 = 40.0;
+
 /// How closely a march looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarchQuality {
@@ -208,18 +211,22 @@ impl<'a, D: Density> CloudMarch<'a, D> {
                 let exact = self.exact.map(|exact| exact.longest_step(&wide.ray, wide.width, point(at)));
                 let even = quality.longest_step.min(quality.step_depth / extinction);
                 let step = even.min(exact.unwrap_or(f64::INFINITY)).min(end - at);
+                // Lost in the last digits of `at` a step would repeat for ever: then the rest is one.
+                let step = if at + step > at { step } else { end - at };
                 let (gone, through) = shares(step, extinction);
                 composite(&mut radiance, quality.places, open * cloud.albedo * gone, |place| {
                     // With one place its weight does not matter.
-                    let weight =
-                        if quality.places.len() == 1 { 1.0 } else { weight(extinction * step * place) };
+                    let weight = if quality.places.len() == 1 {
+                        1.0
+                    } else {
+                        weight((extinction * step).min(DEEPEST) * place)
+                    };
                     (in_scattered(at + place * step), weight)
                 });
                 seen += open * gone;
                 moment += open * gone * (at + 0.5 * step);
                 open *= through;
-                // A last step lost in round-off must not repeat for ever.
-                at = if step < 1e-9 * end { end } else { at + step };
+                at = if step == end - at { end } else { at + step };
             }
             open > quality.opaque
         });
@@ -299,6 +306,20 @@ mod tests {
         assert!((view.transmittance - through).abs() < ROUND_OFF);
         assert!((view.radiance[1] - 2.0 * 0.9 * (1.0 - through)).abs() < ROUND_OFF);
         assert!(view.distance > 400.0 && view.distance < 600.0);
+    }
+
+    #[test]
+    fn clouds_in_which_a_step_is_shorter_than_the_distances_last_digit_are_opaque() {
+        for extinction in [1e4, 1e6, 1e9, 1e12, 1e30] {
+            let cloud = uniform(extinction, GridShape::new(10, 6, 5));
+            let march = CloudMarch::new(&cloud, crate::shade::cloud::Cells, MarchQuality::measured(10.0));
+            for away in [150.0, 1e7] {
+                let ray = Ray { origin: DVec3::new(-away, 7.0, 141.0), direction: DVec3::X };
+                let view = march.march(&WideRay::thin(ray), |_| 2.0);
+                assert_eq!(view.transmittance, 0.0, "{extinction} {away}");
+                assert!((view.radiance - 1.8).abs() < 1e-5, "{extinction} {away}: {view:?}");
+            }
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A whole picture of the town: light, cover and depth for every pixel.
 
 use super::Town;
-use super::light::{Lighting, Mirror};
+use super::light::{Lighting, Mirror, Parts};
 use crate::camera::{Camera, Projection};
 use crate::parallel::prelude::*;
 use crate::random::mix;
@@ -47,7 +47,12 @@ pub struct TownFrame {
     pub height: usize,
     /// `width * height` pixels, row 0 = top, x fastest.
     pub pixels: Vec<TownPixel>,
+    /// Radiance of each stroke of [`Lighting::strokes`] that was told apart, `width * height` pixels each; not in `pixels`.
+    pub strokes: Vec<Vec<[f32; 3]>>,
 }
+
+/// Most strokes that are told apart in one picture.
+pub const MOST_STROKES: usize = 4;
 
 const SKY: TownPixel = TownPixel {
     radiance: [0.0; 3],
@@ -72,19 +77,44 @@ impl Town {
     /// Rows are independent; with feature `rayon` they run on the caller's pool, and any number of threads
     /// gives the same bytes.
     pub fn render(&self, camera: &Camera, lighting: &Lighting, quality: Quality, frame: &mut TownFrame) {
-        (frame.width, frame.height) = (camera.width as usize, camera.height as usize);
-        frame.pixels.resize(frame.width * frame.height, SKY);
-        let width = frame.width;
-        let row = |(y, row): (usize, &mut [TownPixel])| {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                *pixel = self.pixel(camera, lighting, quality, [x, y]);
-            }
-        };
-        frame.pixels.par_chunks_mut(width).enumerate().for_each(row);
+        // Most frames tell no stroke apart and pay for none.
+        match lighting.strokes.len() {
+            0 => self.render_parts::<0>(camera, lighting, quality, frame),
+            1 => self.render_parts::<1>(camera, lighting, quality, frame),
+            _ => self.render_parts::<MOST_STROKES>(camera, lighting, quality, frame),
+        }
         self.draw_lamps(camera, frame);
     }
 
-    fn pixel(&self, camera: &Camera, lighting: &Lighting, quality: Quality, [x, y]: [usize; 2]) -> TownPixel {
+    fn render_parts<const N: usize>(
+        &self,
+        camera: &Camera,
+        lighting: &Lighting,
+        quality: Quality,
+        frame: &mut TownFrame,
+    ) {
+        (frame.width, frame.height) = (camera.width as usize, camera.height as usize);
+        let (width, count) = (frame.width, frame.width * frame.height);
+        frame.pixels.resize(count, SKY);
+        let mut apart = vec![[[0.0f32; 3]; N]; count];
+        let row = |(y, (row, apart)): (usize, (&mut [TownPixel], &mut [[[f32; 3]; N]]))| {
+            for (x, (pixel, apart)) in row.iter_mut().zip(apart).enumerate() {
+                (*pixel, *apart) = self.pixel(camera, lighting, quality, [x, y]);
+            }
+        };
+        let rows = frame.pixels.par_chunks_mut(width).zip(apart.par_chunks_mut(width));
+        rows.enumerate().for_each(row);
+        let told = lighting.strokes.len().min(N);
+        frame.strokes = (0..told).map(|stroke| apart.iter().map(|parts| parts[stroke]).collect()).collect();
+    }
+
+    fn pixel<const N: usize>(
+        &self,
+        camera: &Camera,
+        lighting: &Lighting,
+        quality: Quality,
+        [x, y]: [usize; 2],
+    ) -> (TownPixel, [[f32; 3]; N]) {
         let per_side = quality.samples.max(1);
         let total = (per_side * per_side) as f32;
         let angle = match camera.projection {
@@ -92,6 +122,7 @@ impl Town {
             Projection::Orthographic { .. } => 0.0,
         };
         let mut pixel = SKY;
+        let mut light = Parts::<N>::NONE;
         for sample in 0..per_side * per_side {
             let at = |index: u32| (f64::from(index) + 0.5) / f64::from(per_side);
             let (u, v) = (at(sample % per_side), at(sample / per_side));
@@ -114,10 +145,7 @@ impl Town {
                 angle,
                 points,
             };
-            let light = self.shade(direction, &hit, footprint, lighting, mirror);
-            for band in 0..3 {
-                pixel.radiance[band] += light[band] / total;
-            }
+            light.add(1.0 / total, self.shade(direction, &hit, footprint, lighting, mirror));
             pixel.cover += 1.0 / total;
         }
         let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
@@ -126,7 +154,8 @@ impl Town {
             pixel.depth = hit.distance * ray.direction.dot(camera.forward) as f32;
             pixel.normal = hit.normal;
         }
-        pixel
+        pixel.radiance = light.base;
+        (pixel, light.strokes)
     }
 
     /// Adds the street lamps that are in view as small round spots that carry all their light.
@@ -187,6 +216,7 @@ mod tests {
             ambient: &|_| [0.1, 0.15, 0.3],
             points: &[],
             images: &[],
+            strokes: &[],
             glows: &[],
             leaves: &|_, direction| [direction.z; 3],
         }
@@ -216,7 +246,7 @@ mod tests {
         const CUT: f32 = 0.02;
         let (town, camera) = (small_town(), camera());
         let empty = vec![SKY; 64 * 48];
-        let mut frame = TownFrame { width: 64, height: 48, pixels: empty };
+        let mut frame = TownFrame { width: 64, height: 48, pixels: empty, strokes: Vec::new() };
         town.draw_lamps(&camera, &mut frame);
         let sum: f32 = frame.pixels.iter().map(|pixel| pixel.radiance[0]).sum();
         // Each pixel near the axis covers 1/f² steradian at unit distance.

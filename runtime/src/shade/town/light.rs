@@ -32,6 +32,48 @@ pub struct GlowLight {
     pub radiance: [f32; 3],
 }
 
+/// The light of one stroke on the town, as points; its share of a picture is kept apart from the rest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StrokeLights {
+    /// Points that light surfaces and cast shadows.
+    pub points: Vec<SceneLight>,
+    /// Points whose image stands in the water.
+    pub images: Vec<SceneLight>,
+}
+
+/// Light of everything else, and of up to `N` strokes apart: all of it goes the same way, and each part scales with its source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts<const N: usize> {
+    /// Everything else, per channel.
+    pub base: [f32; 3],
+    /// Each stroke's, per channel.
+    pub strokes: [[f32; 3]; N],
+}
+
+impl<const N: usize> Parts<N> {
+    /// No light.
+    pub const NONE: Self = Self { base: [0.0; 3], strokes: [[0.0; 3]; N] };
+
+    fn of(base: [f32; 3]) -> Self {
+        Self { base, ..Self::NONE }
+    }
+
+    fn each(mut self, change: impl Fn(usize, f32) -> f32) -> Self {
+        for light in std::iter::once(&mut self.base).chain(&mut self.strokes) {
+            (0..3).for_each(|band| light[band] = change(band, light[band]));
+        }
+        self
+    }
+
+    /// Adds `factor` times `other`.
+    pub fn add(&mut self, factor: f32, other: Self) {
+        add(&mut self.base, factor, other.base);
+        for (sum, value) in self.strokes.iter_mut().zip(other.strokes) {
+            add(sum, factor, value);
+        }
+    }
+}
+
 /// Everything that shines on the town from outside; its own lamps come on top.
 #[derive(Clone, Copy)]
 pub struct Lighting<'a> {
@@ -42,6 +84,8 @@ pub struct Lighting<'a> {
     /// Points whose image stands in the water: a stroke's channel, finely divided. What is listed here must not
     /// be in the closure that says what leaving rays see, or its image stands there twice.
     pub images: &'a [SceneLight],
+    /// Strokes whose light is to be told apart; those beyond the parts that are asked for are left out.
+    pub strokes: &'a [StrokeLights],
     /// Lit cloud, as light on surfaces without shadows; its image comes from the closure.
     pub glows: &'a [GlowLight],
     /// Radiance of a ray (origin m, unit direction) that meets nothing: sky and cloud, W/(m² sr). Reflections alone
@@ -112,7 +156,7 @@ fn normal_quantile(share: f32) -> f32 {
 
 impl Town {
     /// Irradiance of everything on a spot, W/m².
-    pub fn irradiance(&self, hit: &Hit, lighting: &Lighting) -> [f32; 3] {
+    pub fn irradiance<const N: usize>(&self, hit: &Hit, lighting: &Lighting) -> Parts<N> {
         let mut sum = (lighting.ambient)(hit.normal);
         for glow in lighting.glows {
             let way = glow.centre - hit.point;
@@ -123,19 +167,26 @@ impl Town {
             add(&mut sum, std::f32::consts::PI * share * cosine, glow.radiance);
         }
         let start = Self::lifted(hit);
-        for light in lighting.points {
-            let own = irradiance(light, hit.point, hit.normal);
-            if own.iter().any(|&v| v > 0.0) && !self.is_blocked(start, light.position) {
-                add(&mut sum, 1.0, own);
+        let shadowed = |sum: &mut [f32; 3], lights: &[SceneLight]| {
+            for light in lights {
+                let own = irradiance(light, hit.point, hit.normal);
+                if own.iter().any(|&v| v > 0.0) && !self.is_blocked(start, light.position) {
+                    add(sum, 1.0, own);
+                }
             }
-        }
+        };
+        shadowed(&mut sum, lighting.points);
         for lamp in self.street_lights() {
             let own = irradiance(&lamp, hit.point, hit.normal);
             if own[0] + own[1] + own[2] > FAINT {
                 add(&mut sum, 1.0, own);
             }
         }
-        sum
+        let mut parts = Parts::of(sum);
+        for (sum, stroke) in parts.strokes.iter_mut().zip(lighting.strokes) {
+            shadowed(sum, &stroke.points);
+        }
+        parts
     }
 
     fn street_lights(&self) -> impl Iterator<Item = SceneLight> {
@@ -147,56 +198,56 @@ impl Town {
     }
 
     /// What a spot sends back towards the eye all around: its own light and what it scatters.
-    fn matt(&self, hit: &Hit, surface: &Surface, lighting: &Lighting) -> [f32; 3] {
-        let arriving = self.irradiance(hit, lighting);
-        std::array::from_fn(|band| {
-            surface.emission[band] + surface.albedo[band] * arriving[band] / std::f32::consts::PI
-        })
+    fn matt<const N: usize>(&self, hit: &Hit, surface: &Surface, lighting: &Lighting) -> Parts<N> {
+        let mut light = self
+            .irradiance::<N>(hit, lighting)
+            .each(|band, arriving| surface.albedo[band] * arriving / std::f32::consts::PI);
+        add(&mut light.base, 1.0, surface.emission);
+        light
     }
 
     /// Radiance of what a ray in unit `direction` met, towards where it came from, W/(m² sr).
     ///
     /// `footprint` is the width that the sample covers there, m.
-    pub fn shade(
+    pub fn shade<const N: usize>(
         &self,
         direction: Vec3,
         hit: &Hit,
         footprint: f32,
         lighting: &Lighting,
         mirror: Mirror,
-    ) -> [f32; 3] {
+    ) -> Parts<N> {
         let surface = self.surface(hit, footprint);
-        let mut light = self.matt(hit, &surface, lighting);
+        let mut light = self.matt::<N>(hit, &surface, lighting);
         if surface.glass > 0.0 {
             let cosine = -direction.dot(hit.normal);
             let seen = direction + hit.normal * (2.0 * cosine);
             if seen.z > 0.0 {
                 let share = surface.glass * fresnel_reflectance(cosine, GLASS);
-                add(&mut light, share, (lighting.leaves)(Self::lifted(hit), seen));
+                add(&mut light.base, share, (lighting.leaves)(Self::lifted(hit), seen));
             }
         }
         if surface.wet > 0.0 {
-            let (mirrored, share) = self.mirrored(direction, hit, &surface, lighting, mirror);
-            for band in 0..3 {
-                light[band] += surface.wet * (mirrored[band] - share * light[band]);
-            }
+            let (mut mirrored, share) = self.mirrored(direction, hit, &surface, lighting, mirror);
+            mirrored.add(-share, light);
+            light.add(surface.wet, mirrored);
         }
         light
     }
 
     /// Light from the water's facets and the share that they keep from what lies below.
-    fn mirrored(
+    fn mirrored<const N: usize>(
         &self,
         direction: Vec3,
         hit: &Hit,
         surface: &Surface,
         lighting: &Lighting,
         mirror: Mirror,
-    ) -> ([f32; 3], f32) {
+    ) -> (Parts<N>, f32) {
         let start = Self::lifted(hit);
         let to_viewer = -direction;
         let along = direction.truncate().normalize_or(Vec2::X);
-        let (mut sum, mut share, mut weights) = ([0.0f32; 3], 0.0, 0.0);
+        let (mut sum, mut share, mut weights) = (Parts::NONE, 0.0, 0.0);
         // A rough film needs all facets, still water few: the samples of a pixel differ anyway.
         let facets =
             (mirror.facets as f32 * (surface.slope / FILM_SLOPE).sqrt().min(1.0)).ceil().max(1.0) as u32;
@@ -222,14 +273,14 @@ impl Town {
                     let blur = other.distance * (surface.slope + mirror.angle);
                     self.matt(&other, &self.surface(&other, blur), lighting)
                 }
-                None => (lighting.leaves)(start, onward),
+                None => Parts::of((lighting.leaves)(start, onward)),
             };
-            add(&mut sum, reflected, light);
+            sum.add(reflected, light);
             share += reflected;
             weights += seen;
         }
         if weights > 0.0 {
-            sum = sum.map(|value| value / weights);
+            sum = sum.each(|_, value| value / weights);
             share /= weights;
         }
         if mirror.points == 0.0 {
@@ -237,8 +288,7 @@ impl Town {
         }
         // A pixel's own width adds to the facets' spread, so that no highlight falls between pixels.
         let slope = (surface.slope * surface.slope + 0.25 * mirror.angle * mirror.angle).sqrt();
-        let lamps = self.street_lights();
-        for light in lighting.images.iter().copied().chain(lamps) {
+        let shown = |sum: &mut [f32; 3], light: &SceneLight| {
             let way = light.position - hit.point;
             let squared = way.length_squared().max(1e-4);
             let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
@@ -246,8 +296,14 @@ impl Town {
             // What adds less than a thousandth is not worth asking whether a wall stands before it.
             let faint = share * light.intensity[1] < 1e-3 * sum[1];
             if highlight > 0.0 && (faint || !self.is_blocked(start, light.position)) {
-                add(&mut sum, share, light.intensity);
+                add(sum, share, light.intensity);
             }
+        };
+        let lamps = self.street_lights();
+        lighting.images.iter().copied().chain(lamps).for_each(|light| shown(&mut sum.base, &light));
+        // Measured against the stroke's own light, what is faint is so at any brightness.
+        for (sum, stroke) in sum.strokes.iter_mut().zip(lighting.strokes) {
+            stroke.images.iter().for_each(|light| shown(sum, light));
         }
         (sum, share)
     }
@@ -267,7 +323,7 @@ mod tests {
     }
 
     const NOTHING: Lighting =
-        Lighting { ambient: &dark, points: &[], images: &[], glows: &[], leaves: &black };
+        Lighting { ambient: &dark, points: &[], images: &[], strokes: &[], glows: &[], leaves: &black };
     const MIRROR: Mirror = Mirror { facets: 64, sample: [0, 1], shift: Vec2::ZERO, angle: 1e-3, points: 1.0 };
 
     /// Looks from 2 m above the wet plain at a spot ahead, away from the tower.
@@ -276,7 +332,7 @@ mod tests {
         let eye = Vec3::new(0.0, -50.0, 2.0);
         let direction = Vec3::new(0.0, -ahead, -2.0).normalize();
         let hit = town.trace(eye, direction, 1e5).unwrap();
-        town.shade(direction, &hit, 0.01, lighting, MIRROR)
+        town.shade::<0>(direction, &hit, 0.01, lighting, MIRROR).base
     }
 
     #[test]
@@ -310,8 +366,8 @@ mod tests {
             let town = small_town();
             let hit =
                 town.trace(Vec3::new(0.0, 10.0, 5.0), Vec3::new(0.0, 1.0, -0.2).normalize(), 1e5).unwrap();
-            let lit = town.irradiance(&hit, &Lighting { points: &[light], ..NOTHING })[1];
-            lit - town.irradiance(&hit, &NOTHING)[1]
+            let lit = town.irradiance::<0>(&hit, &Lighting { points: &[light], ..NOTHING }).base[1];
+            lit - town.irradiance::<0>(&hit, &NOTHING).base[1]
         };
         /// Single-precision sums.
         const ROUND_OFF: f32 = 1e-5;
@@ -321,12 +377,41 @@ mod tests {
     }
 
     #[test]
+    fn a_stroke_told_apart_sends_what_its_points_send() {
+        let light = |y: f32| SceneLight {
+            position: Vec3::new(300.0, y, 400.0),
+            intensity: [1e7, 2e7, 3e7],
+            visibility: 0.5,
+        };
+        let (near, far) = (vec![light(-900.0)], vec![light(-2000.0)]);
+        let stroke =
+            |lights: &[SceneLight]| StrokeLights { points: lights.to_vec(), images: lights.to_vec() };
+        let strokes = [stroke(&near), stroke(&far)];
+        let town = small_town();
+        let direction = Vec3::new(0.0, -6.0, -2.0).normalize();
+        let hit = town.trace(Vec3::new(0.0, -50.0, 2.0), direction, 1e5).unwrap();
+        let shade = |lighting: &Lighting| town.shade::<2>(direction, &hit, 0.01, lighting, MIRROR);
+        let dark = shade(&NOTHING).base;
+        let apart = shade(&Lighting { strokes: &strokes, ..NOTHING });
+        assert_eq!(apart.base, dark);
+        /// Single-precision sums of light and dark.
+        const ROUND_OFF: f32 = 1e-4;
+        for (lights, found) in [near, far].iter().zip(apart.strokes) {
+            let whole = shade(&Lighting { points: lights, images: lights, ..NOTHING }).base;
+            for band in 0..3 {
+                let wanted = whole[band] - dark[band];
+                assert!(wanted > 0.0 && (found[band] / wanted - 1.0).abs() < ROUND_OFF, "{found:?}");
+            }
+        }
+    }
+
+    #[test]
     fn irradiance_of_a_ball_of_light_overhead_is_pi_times_radiance_times_its_share() {
         let glow = GlowLight { centre: Vec3::new(0.0, -500.0, 1_000.0), radius: 100.0, radiance: [2.0; 3] };
         let town = small_town();
         let hit = town.trace(Vec3::new(0.0, -500.0, 2.0), Vec3::NEG_Z, 10.0).unwrap();
-        let lit = town.irradiance(&hit, &Lighting { glows: &[glow], ..NOTHING })[0]
-            - town.irradiance(&hit, &NOTHING)[0];
+        let on = |lighting: &Lighting| town.irradiance::<0>(&hit, lighting).base[0];
+        let lit = on(&Lighting { glows: &[glow], ..NOTHING }) - on(&NOTHING);
         let wanted = std::f32::consts::PI * 2.0 * 0.01;
         assert!((lit / wanted - 1.0).abs() < 1e-3, "{lit} against {wanted}");
     }
@@ -348,7 +433,7 @@ mod tests {
             let (sa, ca) = libm::sincosf(heading + side);
             let direction = Vec3::new(ce * ca, ce * sa, se);
             let hit = town.trace(eye, direction, 1e5).unwrap();
-            town.shade(direction, &hit, 0.01, &lighting, MIRROR)[0]
+            town.shade::<0>(direction, &hit, 0.01, &lighting, MIRROR).base[0]
         };
         let middle = brightness(0.0, 0.0);
         assert!(middle > 100.0 * brightness(0.02, 0.0), "dark 20 mrad aside");

@@ -1,13 +1,14 @@
 //! Lightning channels: as lines of light in the picture, and as points that light the town and stand in its water.
 
-use super::{CLOUD_M, EYE_M, Flash};
+use super::draw::{CLOUD_M, LitStroke, eye_height};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;
 use crate::relight::PointLight;
 use crate::shade::sky::Sky;
 use crate::shade::town::Town;
-use crate::shade::town::light::SceneLight;
+use crate::shade::town::light::{SceneLight, StrokeLights};
+use crate::stroke::Stroke;
 use crate::transport::Cloud;
 use crate::transport::direct::Tracer;
 use glam::{DVec3, Vec2, Vec3};
@@ -28,53 +29,39 @@ const IMAGE_POINTS: f64 = 72.0;
 /// Pieces with less than this share of an average one's light are twigs.
 const TWIG: f32 = 0.3;
 
-/// A flash as the town sees it.
-pub struct TownLights {
-    /// A few points that light surfaces and cast shadows.
-    pub shadows: Vec<SceneLight>,
-    /// Many points whose images stand in the water.
-    pub images: Vec<SceneLight>,
-}
-
 /// Share of a point's light that reaches the eye through the cloud.
 fn through(cloud: Option<&Cloud>, from: DVec3, to: DVec3) -> f32 {
     cloud.map_or(1.0, |cloud| exp_neg(Tracer::new(cloud, 1.0).optical_depth(from, to)))
 }
 
-/// The strokes as points of light around `eye`; what the cloud hides is left out, since its glow is a light of its own.
+/// A stroke of brightness 1 in white as points of light around `eye`; what the cloud hides is left out, since its glow is a light
+/// of its own.
 pub fn town_lights(
-    flashes: &[Flash<'_>],
+    stroke: &Stroke,
     cloud: Option<&Cloud>,
     eye: DVec3,
     air: &dyn Fn(f64) -> [f32; 3],
-) -> TownLights {
-    let mut lights = TownLights { shadows: Vec::new(), images: Vec::new() };
-    for flash in flashes {
-        let length: f64 = flash.stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
-        let seen = |light: &PointLight| {
-            let visibility = through(cloud, eye, light.position);
-            let clear = air(eye.distance(light.position));
-            let full = flash.intensity(light.intensity);
-            let intensity = std::array::from_fn(|band| full[band] * clear[band]);
-            SceneLight { position: light.position.as_vec3(), intensity, visibility }
-        };
-        let points: Vec<SceneLight> = flash.stroke.lights(length / IMAGE_POINTS).iter().map(seen).collect();
-        let light = |point: &SceneLight| point.visibility * point.intensity.iter().sum::<f32>();
-        let total: f32 = points.iter().map(light).sum();
-        let bare: f32 = points.iter().map(|point| point.intensity.iter().sum::<f32>()).sum();
-        if total <= FAINT * bare {
-            continue;
-        }
-        // Twigs whose image no one would see give their light to the rest.
-        let bright = |point: &&SceneLight| light(point) > TWIG * total / IMAGE_POINTS as f32;
-        let kept: f32 = points.iter().filter(bright).map(light).sum();
-        let scale = total / kept;
-        let grown =
-            |point: &SceneLight| SceneLight { intensity: point.intensity.map(|v| v * scale), ..*point };
-        lights.images.extend(points.iter().filter(bright).map(grown));
-        lights.shadows.extend(gathered(points, light, total));
+) -> StrokeLights {
+    let length: f64 = stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
+    let seen = |light: &PointLight| {
+        let visibility = through(cloud, eye, light.position);
+        let intensity = air(eye.distance(light.position)).map(|band| band * light.intensity as f32);
+        SceneLight { position: light.position.as_vec3(), intensity, visibility }
+    };
+    let points: Vec<SceneLight> = stroke.lights(length / IMAGE_POINTS).iter().map(seen).collect();
+    let light = |point: &SceneLight| point.visibility * point.intensity.iter().sum::<f32>();
+    let total: f32 = points.iter().map(light).sum();
+    let bare: f32 = points.iter().map(|point| point.intensity.iter().sum::<f32>()).sum();
+    if total <= FAINT * bare {
+        return StrokeLights::default();
     }
-    lights
+    // Twigs whose image no one would see give their light to the rest.
+    let bright = |point: &&SceneLight| light(point) > TWIG * total / IMAGE_POINTS as f32;
+    let kept: f32 = points.iter().filter(bright).map(light).sum();
+    let scale = total / kept;
+    let grown = |point: &SceneLight| SceneLight { intensity: point.intensity.map(|v| v * scale), ..*point };
+    let images = points.iter().filter(bright).map(grown).collect();
+    StrokeLights { images, points: gathered(points, light, total) }
 }
 
 /// A few points in place of many: equal shares of the light from the top down, each at its middle.
@@ -95,30 +82,27 @@ fn gathered(mut points: Vec<SceneLight>, light: impl Fn(&SceneLight) -> f32, tot
     few
 }
 
-/// Irradiance of the strokes' own light at the eye, W/m² per channel, and the direction that it travels in.
-pub fn irradiance_at(
-    flashes: &[Flash<'_>],
-    cloud: Option<&Cloud>,
-    sky: &Sky,
-    eye: DVec3,
-) -> ([f32; 3], DVec3) {
-    let air = |distance: f64| sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+/// Irradiance of the strokes' own light at the eye, W/m² per colour, and the direction that it travels in.
+pub fn irradiance_at(flashes: &[LitStroke], eye: DVec3) -> ([f32; 3], DVec3) {
     let (mut sum, mut way) = ([0.0f32; 3], DVec3::ZERO);
-    for point in town_lights(flashes, cloud, eye, &air).shadows {
-        let offset = eye - point.position.as_dvec3();
-        let share = point.visibility / offset.length_squared().max(1.0) as f32;
-        let light = point.intensity.map(|value| value * share);
-        for band in 0..3 {
-            sum[band] += light[band];
+    for flash in flashes {
+        for point in &flash.lights.points {
+            let offset = eye - point.position.as_dvec3();
+            let share = point.visibility / offset.length_squared().max(1.0) as f32;
+            let light: [f32; 3] =
+                std::array::from_fn(|band| flash.scale[band] * point.intensity[band] * share);
+            for band in 0..3 {
+                sum[band] += light[band];
+            }
+            way += offset.normalize_or(DVec3::NEG_Z) * f64::from(light.iter().sum::<f32>());
         }
-        way += offset.normalize_or(DVec3::NEG_Z) * f64::from(light.iter().sum::<f32>());
     }
     (sum, way.normalize_or(DVec3::NEG_Z))
 }
 
 /// What channels in a picture depend on.
 pub struct Channels<'a> {
-    pub flashes: &'a [Flash<'a>],
+    pub flashes: &'a [LitStroke],
     pub camera: &'a Camera,
     pub sky: &'a Sky,
     pub cloud: Option<&'a Cloud>,
@@ -140,12 +124,14 @@ impl Channels<'_> {
                 if seen < FAINT {
                     continue;
                 }
-                let air = sky.air_view(EYE_M, CLOUD_M, distance).transmittance;
+                let air = sky.air_view(eye_height(camera.position), CLOUD_M, distance).transmittance;
                 let long = segment.from.distance(segment.to) * per_metre / distance;
                 let count = (long / SPACING_PX).ceil().clamp(1.0, MOST_POINTS);
                 // A source of I W/sr at distance d has irradiance I/d² at the eye: radiance times solid angle, and a
                 // pixel's solid angle is one over pixels per radian squared.
-                let scale = (per_metre * per_metre / (distance * distance) / count) as f32 * seen;
+                let scale = (camera.pixel_aspect * per_metre * per_metre / (distance * distance) / count)
+                    as f32
+                    * seen;
                 let light = flash.intensity(segment.intensity);
                 let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
                 for i in 0..count as usize {

@@ -1,36 +1,29 @@
 //! The rain in front of a picture: its medium first, its streaks over that.
 
+use super::Memory;
 use super::channel::irradiance_at;
-use super::{Flash, FrameMemory};
+use super::draw::LitStroke;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
+use crate::frame::Frame;
 use crate::medium::{Illumination, Medium, Outlook};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
-use crate::rain::{
-    Ceiling, Rain, RainLight, RainVolume, Region, Scene, Shot, SmoothWindow, Surroundings, Weather,
-};
-use crate::shade::sky::Sky;
+use crate::rain::{Rain, RainLight, RainVolume, Scene, Shot, SmoothWindow, Surroundings};
 use crate::shade::streak::StreakSet;
-use crate::transport::Cloud;
 use glam::DVec3;
 use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::town::StreetLamp;
-use squall_formats::section::view::{ViewRain, ViewSection};
-use squall_formats::units::{Metres, MillimetresPerHour, Seconds};
 
 /// What the rain of a picture depends on.
 pub struct Task<'a> {
     pub section: &'a DensitySection,
     pub rain: &'a Rain,
     pub patterns: &'a StreakSet,
-    pub view: &'a ViewSection,
-    pub camera: &'a Camera,
-    pub sky: &'a Sky,
-    pub flashes: &'a [Flash<'a>],
-    pub cloud: Option<&'a Cloud>,
+    pub frame: &'a Frame,
+    pub flashes: &'a [LitStroke],
     pub lamps: &'a [StreetLamp],
     pub has_depth: bool,
     /// The picture's own radiances, before its channels were drawn: a drop's surroundings.
@@ -63,14 +56,14 @@ impl RainLight for DropLight {
     }
 }
 
-/// The rain's medium in front of a picture.
-pub struct Veil {
+/// The rain's medium in front of a picture, and the light that it and its drops are in.
+pub struct RainMedium {
     medium: Option<Medium>,
     volume: RainVolume,
     light: DropLight,
 }
 
-impl Veil {
+impl RainMedium {
     /// Share of a point's light that reaches the camera through the rain.
     pub fn left(&self, camera: &Camera, point: DVec3) -> f32 {
         let Some(medium) = &self.medium else { return 1.0 };
@@ -84,79 +77,58 @@ impl Veil {
 }
 
 fn shot_of<'a>(task: &Task<'a>) -> Shot<'a> {
-    let [min_px, max_px] = task.view.rain.streak_px;
-    Shot { min_px, max_px, ..Shot::new(task.camera, Seconds(task.view.camera.exposure_s)) }
+    let [min_px, max_px] = task.frame.streaks.length_px;
+    Shot { min_px, max_px, ..Shot::new(&task.frame.camera, task.frame.exposure) }
 }
 
 fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>, RuntimeError> {
     DepthBuffer::new(metres, picture.width, picture.height, DepthKind::Range)
 }
 
-/// Lays the view's medium over `picture`.
-pub fn veil(task: &Task<'_>, picture: &mut Picture, memory: &mut FrameMemory) -> Result<Veil, RuntimeError> {
-    let (view, camera) = (&task.view.rain, task.camera);
-    let volume = volume_of(view);
-    let (irradiance, direction) = irradiance_at(task.flashes, task.cloud, task.sky, camera.position);
+/// Composites the frame's medium over the picture.
+pub fn medium(task: &Task<'_>, memory: &mut Memory) -> Result<RainMedium, RuntimeError> {
+    let (weather, camera) = (&task.frame.weather, &task.frame.camera);
+    let volume = weather.volume;
+    let (irradiance, direction) = irradiance_at(task.flashes, camera.position);
     let mut scene = task.surroundings;
     (scene.flash_irradiance, scene.flash_direction) = (irradiance, direction);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
     let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
     let light = DropLight { scene, lamps };
-    if view.rate_mm_per_h == 0.0 {
-        return Ok(Veil { medium: None, volume, light });
+    if weather.rate.0 == 0.0 {
+        return Ok(RainMedium { medium: None, volume, light });
     }
     let ambient: [f32; 3] = std::array::from_fn(|band| 0.5 * (scene.above[band] + scene.below[band]));
     memory.metres.clear();
     if task.has_depth {
-        memory.metres.extend(memory.town.pixels.iter().map(|pixel| pixel.distance));
+        memory.metres.extend(memory.town.frame().pixels.iter().map(|pixel| pixel.distance));
     } else {
-        memory.metres.resize(picture.pixels.len(), f32::INFINITY);
+        memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
     }
-    let depth = Some(depth_of(&memory.metres, picture)?);
-    let rate = MillimetresPerHour(view.rate_mm_per_h);
-    let medium = Medium::beside_streaks(task.section, &shot_of(task), rate)?;
+    let depth = Some(depth_of(&memory.metres, &memory.picture)?);
+    let medium = Medium::beside_streaks(task.section, &shot_of(task), weather.rate)?;
     let outlook = Outlook { camera, volume, light: Illumination { irradiance, direction, ambient }, depth };
-    memory.transmittance.resize(picture.pixels.len(), 0.0);
-    medium.apply(&outlook, picture, &mut memory.transmittance)?;
-    Ok(Veil { medium: Some(medium), volume, light })
+    memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
+    // The town's own depth has no holes.
+    medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
+    Ok(RainMedium { medium: Some(medium), volume, light })
 }
 
-/// Draws the view's streaks over `picture`; returns how many were found.
-pub fn streaks(
-    task: &Task<'_>,
-    veil: &Veil,
-    picture: &mut Picture,
-    memory: &mut FrameMemory,
-) -> Result<usize, RuntimeError> {
-    if veil.medium.is_none() {
+/// Draws the frame's streaks over the picture; returns how many were found.
+pub fn streaks(task: &Task<'_>, medium: &RainMedium, memory: &mut Memory) -> Result<usize, RuntimeError> {
+    if medium.medium.is_none() {
         return Ok(0);
     }
-    let view = &task.view.rain;
-    let wind = DVec3::from_array(view.wind_m_per_s);
-    let steady = Weather::steady(MillimetresPerHour(view.rate_mm_per_h), wind, Seconds(view.time_s));
-    let (shot, weather) = (shot_of(task), Weather { volume: veil.volume, ..steady });
-    let found = task.rain.find(&shot, &weather, None, &mut memory.rain)?.len();
-    let (depth, light) = (Some(depth_of(&memory.metres, picture)?), &veil.light);
+    let (shot, gain) = (shot_of(task), task.frame.streaks.gain);
+    let found = task.rain.find(&shot, &task.frame.weather, None, &mut memory.rain)?.len();
+    let (depth, light) = (Some(depth_of(&memory.metres, &memory.picture)?), &medium.light);
     if task.patterns.is_empty() {
-        let scene = Scene { depth, kernel: &SmoothWindow, light, gain: view.gain };
-        memory.rain.draw(&shot, &scene, picture)?;
+        let scene = Scene { depth, kernel: &SmoothWindow, light, gain };
+        memory.rain.draw(&shot, &scene, &mut memory.picture)?;
     } else {
-        let scene = Scene { depth, kernel: task.patterns, light, gain: view.gain };
-        memory.rain.draw(&shot, &scene, picture)?;
+        let scene = Scene { depth, kernel: task.patterns, light, gain };
+        memory.rain.draw(&shot, &scene, &mut memory.picture)?;
     }
     Ok(found)
-}
-
-fn volume_of(view: &ViewRain) -> RainVolume {
-    RainVolume {
-        ceiling: view
-            .ceiling_m
-            .map(|[height, softness]| Ceiling { height: Metres(height), softness: Metres(softness) }),
-        region: view.region_m.map(|[x, y, radius, softness]| Region {
-            centre: [x, y],
-            radius: Metres(radius),
-            softness: Metres(softness),
-        }),
-    }
 }

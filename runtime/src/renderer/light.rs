@@ -1,78 +1,78 @@
-//! From the asset's rows to light per cell, in three channels, towards one eye.
+//! From the asset's rows to light per cell, in three colours, towards one viewer.
 
-use super::{Flash, FrameMemory, FrameReport};
-use crate::camera::{Camera, Ray};
+use super::FrameReport;
+use crate::camera::Ray;
+use crate::clouds::{Clouds, Viewer, with_extinction};
 use crate::error::RuntimeError;
-use crate::in_scattered::InScattered;
-use crate::relight::{PointLight, RelightOptions, Relighter, Relit};
-use crate::shade::cloud::{CloudPicture, direction_to};
-use crate::shade::sky::Sky;
+use crate::frame::Frame;
+use crate::shade::cloud::CloudPicture;
+use crate::shade::sky::{Sky, SkyParameters};
 use crate::shade::town::light::GlowLight;
-use crate::single_scatter::{DirectSettings, add_direct};
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
-use squall_formats::section::response::{DirectTerm, DistantKind};
+use squall_formats::section::response::DistantKind;
 
 /// Rays that measure what the lit cloud sheds on the ground: columns and rows over half the sphere.
 const GLOW_RAYS: [usize; 2] = [96, 32];
 
-/// J of every light of the frame per cell into `memory.cells`, that of the flashes alone into `memory.flash_cells`; each
-/// with the cell's extinction behind it.
-pub fn light_cells(
-    relighter: &Relighter<'_>,
-    camera: &Camera,
-    sky: &Sky,
-    flashes: &[Flash<'_>],
-    rays_per_point: u32,
-    memory: &mut FrameMemory,
-) -> Result<FrameReport, RuntimeError> {
-    relighter.check_camera(camera)?;
-    let cloud = relighter.cloud();
-    let mut report = FrameReport::default();
-    let view_region: Vec<[f32; 3]> = (0..cloud.shape.len())
-        .map(|i| direction_to(camera, cloud.centre(cloud.shape.cell(i))).as_vec3().to_array())
-        .collect();
-    let towards_each = |relit: Relit<'_>, j: &mut [f32]| {
-        let towards = |cell: usize, _: DVec3| Vec3::from_array(view_region[cell]).as_dvec3();
-        InScattered::of(relit).towards_each(cloud, towards, j);
-    };
-    let mut light: Vec<Vec3> = vec![Vec3::ZERO; view_region.len()];
-    let mut j = vec![0.0f32; view_region.len()];
-    for group in flashes.chunk_by(|a, b| a.record.color == b.record.color) {
-        let mut lights: Vec<PointLight> = Vec::new();
-        for flash in group {
-            // One point a segment: what the bake prunes its sources to.
-            let points = flash.stroke.lights(0.0);
-            lights.extend(
-                points.iter().map(|p| PointLight { intensity: p.intensity * flash.brightness, ..*p }),
-            );
-        }
-        let sources = relighter.weigh(&lights, &mut memory.relight)?.len();
-        let relit = relighter.relight(&lights, RelightOptions::default(), &mut memory.relight)?;
-        towards_each(relit, &mut j);
-        if relighter.direct() == DirectTerm::AtRunTime {
-            let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
-            add_direct(cloud, relighter.extinction_scale(), &lights, &view_region, settings, &mut j);
-        }
-        let color = Vec3::from_array(group[0].record.color);
-        light.iter_mut().zip(&j).for_each(|(sum, &j)| *sum += color * j.max(0.0));
-        report.lights += lights.len();
-        report.sources += sources;
-    }
-    with_extinction(cloud, &light, &mut memory.flash_cells);
-    for kind in relighter.response().head.distant.iter().map(|source| source.kind) {
-        let Some(relit) = relighter.distant(kind, &mut memory.relight)? else { continue };
-        towards_each(relit, &mut j);
-        let colours = distant_colours(cloud, sky, kind);
-        light.iter_mut().zip(&j).zip(&colours).for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
-    }
-    with_extinction(cloud, &light, &mut memory.cells);
-    Ok(report)
+/// J of the sky's light per cell, for the sky and the viewer that it was last worked out for.
+#[derive(Default)]
+pub struct Ambient {
+    made_for: Option<(SkyParameters, Viewer)>,
+    light: Vec<Vec3>,
 }
 
-fn with_extinction(cloud: &Cloud, light: &[Vec3], cells: &mut Vec<Vec4>) {
-    cells.clear();
-    cells.extend(light.iter().zip(&cloud.extinction).map(|(j, &extinction)| j.extend(extinction)));
+impl Ambient {
+    fn of(
+        &mut self,
+        clouds: &mut Clouds,
+        (sky, parameters): (&Sky, &SkyParameters),
+        viewer: Viewer,
+    ) -> Result<&[Vec3], RuntimeError> {
+        if self.made_for.as_ref().is_some_and(|(known, seen)| known == parameters && *seen == viewer) {
+            return Ok(&self.light);
+        }
+        self.made_for = None;
+        self.light.clear();
+        self.light.resize(clouds.cloud().shape.len(), Vec3::ZERO);
+        let light = &mut self.light;
+        clouds.distant(viewer, |kind, cloud, j| {
+            let colours = distant_colours(cloud, sky, kind);
+            light
+                .iter_mut()
+                .zip(j)
+                .zip(&colours)
+                .for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
+        })?;
+        self.made_for = Some((parameters.clone(), viewer));
+        Ok(&self.light)
+    }
+}
+
+/// J of every light of the frame into the first cells, that of the flashes alone into the second; each with the cell's
+/// extinction behind it.
+pub fn light_cells(
+    clouds: &mut Clouds,
+    frame: &Frame,
+    sky: &Sky,
+    ambient: &mut Ambient,
+    (cells, flash_cells): (&mut Vec<Vec4>, &mut Vec<Vec4>),
+) -> Result<FrameReport, RuntimeError> {
+    let viewer = Viewer::from(&frame.camera);
+    clouds.set_rays_per_point(frame.quality.rays_per_point);
+    let mut light = vec![Vec3::ZERO; clouds.cloud().shape.len()];
+    let lit = clouds.add_flashes(&frame.flashes, viewer, &mut light)?;
+    with_extinction(clouds.cloud(), &light, flash_cells);
+    let ambient = ambient.of(clouds, (sky, &frame.sky), viewer)?;
+    light.iter_mut().zip(ambient).for_each(|(sum, &ambient)| *sum += ambient);
+    with_extinction(clouds.cloud(), &light, cells);
+    Ok(FrameReport {
+        lights: lit.lights,
+        sources: lit.sources,
+        lights_live: lit.live,
+        strokes_kept: lit.kept,
+        streaks: 0,
+    })
 }
 
 /// Strength of distant light per cell: radiance of a hemisphere, W/(m² sr), or irradiance of the sun, W/m².

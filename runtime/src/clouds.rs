@@ -1,0 +1,370 @@
+//! The asset's cloud in the light of strokes, as data: in-scattered radiance towards a viewer, and fluence, per cell.
+//!
+//! A stroke's points are split over the asset's virtual point lights and their rows are summed ([`crate::relight`]); light that
+//! comes straight from the stroke is added to that. Where virtual point lights were pruned or never stood, feature `live`
+//! solves for the light on the spot with the rows' own discretisation, which takes seconds; without it such a stroke is refused
+//! by name of the reason.
+//!
+//! | symbol | name | unit |
+//! |---|---|---|
+//! | J | in-scattered radiance ∫ p(ω·ω') L(ω') dω', light scattered per unit of scattering coefficient | W/(m² sr) |
+//! | φ | fluence rate ∫ L dω | W/m² |
+//!
+//! Light is linear: what a stroke of brightness 1 does towards a viewer is kept, and brightness and colour scale it.
+
+mod half;
+mod kept;
+mod light;
+#[cfg(feature = "live")]
+mod solve;
+
+pub use half::f16_bits;
+pub use light::{CloudLight, LiveReport, Viewer};
+
+use crate::error::RuntimeError;
+use crate::frame::Flash;
+use crate::load::Asset;
+use crate::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
+use crate::single_scatter::DirectSettings;
+use crate::stroke::Strokes;
+use crate::transport::Cloud;
+use glam::{DVec3, Vec3, Vec4};
+use kept::Kept;
+use squall_formats::section::response::DirectTerm;
+use std::sync::Arc;
+
+/// A cloud whose light can be asked for. It holds its asset, and keeps the light of strokes that it has seen.
+///
+/// ```
+/// use squall_runtime::{Asset, Clouds, Flash, Stroke, glam::DVec3};
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+/// let mut clouds = Clouds::new(&Asset::open(path)?)?;
+/// let [low, high] = clouds.bounds();
+/// let spark = Stroke::from_points(&[0.5 * (low + high)], 1e6, [0.8, 0.75, 1.28])?;
+/// let mut cells = vec![[0.0; 4]; clouds.cloud().shape.len()];
+/// clouds.radiance(&[Flash::own(spark)], DVec3::ZERO, &mut cells)?;
+/// assert!(cells.iter().any(|[_, _, blue, extinction]| *blue > 0.0 && *extinction > 0.0));
+/// # Ok::<(), squall_runtime::RuntimeError>(())
+/// ```
+pub struct Clouds {
+    relighter: Arc<Relighter>,
+    strokes: Arc<Strokes>,
+    buffers: RelightBuffers,
+    kept: Kept,
+    rays_per_point: u32,
+    #[cfg(feature = "live")]
+    solver: Option<crate::live::LiveSolver>,
+}
+
+/// What one call's light came from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct LightReport {
+    pub lights: usize,
+    pub sources: usize,
+    pub live: usize,
+    pub kept: usize,
+}
+
+impl Clouds {
+    /// Opens the cloud of `asset`.
+    ///
+    /// Errors: the asset has no cloud or no response, or they are damaged.
+    pub fn new(asset: &Asset) -> Result<Self, RuntimeError> {
+        Self::with_strokes(asset, Arc::new(Strokes::of(asset)?))
+    }
+
+    pub(crate) fn with_strokes(asset: &Asset, strokes: Arc<Strokes>) -> Result<Self, RuntimeError> {
+        Ok(Self {
+            relighter: Arc::new(Relighter::new(asset)?),
+            strokes,
+            buffers: RelightBuffers::default(),
+            kept: Kept::default(),
+            rays_per_point: STILL_RAYS,
+            #[cfg(feature = "live")]
+            solver: None,
+        })
+    }
+
+    /// The grid: shape, cells, extinction, optics.
+    pub fn cloud(&self) -> &Cloud {
+        self.relighter.cloud()
+    }
+
+    pub(crate) fn shared(&self) -> Arc<Relighter> {
+        self.relighter.clone()
+    }
+
+    /// What the rows mean, and the rows themselves.
+    pub fn relighter(&self) -> &Relighter {
+        &self.relighter
+    }
+
+    /// The box that virtual point lights span, smallest and largest corner, m: an outer bound. A pruned asset lights a small part of
+    /// it from its rows; ask [`Clouds::is_lit`] and [`Clouds::nearest_lit`].
+    pub fn bounds(&self) -> [DVec3; 2] {
+        self.relighter.bounds()
+    }
+
+    /// Whether a point light at `position` is lit from the rows alone.
+    pub fn is_lit(&self, position: DVec3) -> bool {
+        self.relighter.reaches(position)
+    }
+
+    /// The point nearest to `position` that is lit from the rows alone, m.
+    ///
+    /// ```
+    /// use squall_runtime::{Asset, Clouds, glam::DVec3};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+    /// let clouds = Clouds::new(&Asset::open(path)?)?;
+    /// let far = DVec3::new(1e5, 0.0, 0.0);
+    /// assert!(!clouds.is_lit(far) && clouds.is_lit(clouds.nearest_lit(far).unwrap()));
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    pub fn nearest_lit(&self, position: DVec3) -> Option<DVec3> {
+        self.relighter.nearest_lit(position)
+    }
+
+    /// Share of the box of [`Clouds::bounds`] that is lit from the rows alone, 0 to 1.
+    pub fn share_lit(&self) -> f64 {
+        self.relighter.share_lit()
+    }
+
+    /// Rays from each point of a stroke for its direct light, 1024 unless set; the error falls with about the .7th power.
+    pub fn set_rays_per_point(&mut self, rays: u32) {
+        self.rays_per_point = rays.max(1);
+    }
+
+    /// The light of given points: scattered light of all orders from the rows (and, with feature `live`, solved for where there
+    /// are none), and the points themselves for what comes straight from them.
+    ///
+    /// Errors: a point that is not finite or too bright; without feature `live` one that no row answers for, with the reason; a
+    /// damaged row; a live solve that does not converge.
+    pub fn light(&mut self, lights: &[PointLight]) -> Result<CloudLight, RuntimeError> {
+        self.light_watched(lights, &mut |_| true)
+    }
+
+    /// [`Clouds::light`], with an eye on a live solve: `watch` sees the residual over its goal after each sweep and stops it with
+    /// `false`, which is an error.
+    pub fn light_watched(
+        &mut self,
+        lights: &[PointLight],
+        watch: &mut dyn FnMut(f64) -> bool,
+    ) -> Result<CloudLight, RuntimeError> {
+        let (inside, outside): (Vec<PointLight>, Vec<PointLight>) =
+            lights.iter().partition(|light| self.relighter.reaches(light.position));
+        if let Some(light) = outside.iter().find(|l| !(l.position.is_finite() && l.intensity.is_finite())) {
+            let found = format!("{} with {} W/sr", light.position, light.intensity);
+            return Err(RuntimeError::argument("point light", "finite numbers", found));
+        }
+        let relit = self.relighter.relight(&inside, RelightOptions::default(), &mut self.buffers)?;
+        let (basis, planes) = (relit.basis, relit.planes.to_vec());
+        let sources = self.buffers.weights().len();
+        let in_rows = self.relighter.direct() == DirectTerm::InRows;
+        let mut light = CloudLight {
+            relighter: self.relighter.clone(),
+            basis,
+            planes,
+            direct: if in_rows { outside.clone() } else { lights.to_vec() },
+            live: Vec::new(),
+            live_report: None,
+            lights: lights.len(),
+            lights_outside: outside.len(),
+            sources,
+        };
+        if !outside.is_empty() {
+            self.solve_outside(&outside, watch, &mut light)?;
+        }
+        Ok(light)
+    }
+
+    #[cfg(not(feature = "live"))]
+    fn solve_outside(
+        &self,
+        outside: &[PointLight],
+        _: &mut dyn FnMut(f64) -> bool,
+        _: &mut CloudLight,
+    ) -> Result<(), RuntimeError> {
+        match outside.iter().find_map(|light| self.relighter.why_dark(light.position)) {
+            Some(RuntimeError::Argument { field, wanted, found }) => {
+                let wanted =
+                    format!("{wanted}. Feature `live` of squall-runtime solves for such light on the spot");
+                Err(RuntimeError::argument(field, wanted, found))
+            }
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    #[cfg(feature = "live")]
+    fn solve_outside(
+        &mut self,
+        outside: &[PointLight],
+        watch: &mut dyn FnMut(f64) -> bool,
+        light: &mut CloudLight,
+    ) -> Result<(), RuntimeError> {
+        let solver = match self.solver.take() {
+            Some(solver) => solver,
+            None => solve::solver_of(&self.relighter)?,
+        };
+        let solved = solve::scattered(&self.relighter, &solver, outside, watch);
+        self.solver = Some(solver);
+        let (live, report) = solved?;
+        (light.live, light.live_report) = (live, Some(report));
+        Ok(())
+    }
+
+    /// In-scattered radiance J of `flashes` towards `viewer` per cell, direct light included, W/(m² sr) in red, green and blue,
+    /// and the cell's extinction, 1/m, behind it, into `out`: what a renderer that marches the cloud itself needs (radiance
+    /// along a ray is ∫ albedo · extinction · J · transmittance). Never negative; 0 in cells that no viewer of the asset's
+    /// view region can see.
+    ///
+    /// Errors: as [`Clouds::light`]; a viewer outside the asset's view region; a stroke that the asset lacks; `out` is not one
+    /// grid long.
+    pub fn radiance(
+        &mut self,
+        flashes: &[Flash],
+        viewer: impl Into<Viewer>,
+        out: &mut [[f32; 4]],
+    ) -> Result<(), RuntimeError> {
+        self.check_length(out.len())?;
+        let mut light = vec![Vec3::ZERO; out.len()];
+        self.add_flashes(flashes, viewer.into(), &mut light)?;
+        let known = self.relighter.known_cells();
+        for (cell, value) in out.iter_mut().enumerate() {
+            let seen = if known[cell] { light[cell] } else { Vec3::ZERO };
+            *value = seen.extend(self.cloud().extinction[cell]).to_array();
+        }
+        Ok(())
+    }
+
+    /// [`Clouds::radiance`] in half precision, as the bits of IEEE binary16 (a texture of four 16-bit floats); light above 65504
+    /// W/(m² sr) is stored as that.
+    pub fn radiance_f16(
+        &mut self,
+        flashes: &[Flash],
+        viewer: impl Into<Viewer>,
+        out: &mut [[u16; 4]],
+    ) -> Result<(), RuntimeError> {
+        let mut whole = vec![[0.0; 4]; out.len()];
+        self.radiance(flashes, viewer, &mut whole)?;
+        out.iter_mut().zip(whole).for_each(|(out, value)| *out = value.map(f16_bits));
+        Ok(())
+    }
+
+    /// Fluence rate φ of `flashes` per cell, W/m² in red, green and blue: light of all orders, direct light included; never
+    /// negative.
+    ///
+    /// Errors: as [`Clouds::light`]; an asset baked for a view region, whose rows hold light towards that alone; `out` is not one
+    /// grid long.
+    pub fn fluence(&mut self, flashes: &[Flash], out: &mut [[f32; 3]]) -> Result<(), RuntimeError> {
+        self.check_length(out.len())?;
+        out.fill([0.0; 3]);
+        let mut own = vec![0.0; out.len()];
+        for (flash, stroke) in flashes.iter().zip(self.strokes.find(flashes)?) {
+            stroke.check()?;
+            flash.check_brightness(&stroke)?;
+            self.light(&stroke.lights(0.0))?.fluence(&mut own)?;
+            let scale = flash.scale_of(&stroke);
+            for (sum, &value) in out.iter_mut().zip(&own) {
+                (0..3).for_each(|band| sum[band] += scale[band] * value);
+            }
+        }
+        Ok(())
+    }
+
+    fn check_length(&self, found: usize) -> Result<(), RuntimeError> {
+        let cells = self.cloud().shape.len();
+        if found == cells {
+            return Ok(());
+        }
+        Err(RuntimeError::argument("cells", format!("{cells} values, one a cell of the cloud's grid"), found))
+    }
+
+    /// Adds J of `flashes` towards `viewer` to `light`, W/(m² sr). Each stroke's light is worked out once and kept.
+    pub(crate) fn add_flashes(
+        &mut self,
+        flashes: &[Flash],
+        viewer: Viewer,
+        light: &mut [Vec3],
+    ) -> Result<LightReport, RuntimeError> {
+        viewer.check(&self.relighter)?;
+        let mut report = LightReport::default();
+        let mut sum = vec![0.0f32; light.len()];
+        let resolved: Vec<_> = self.strokes.find(flashes)?.into_iter().zip(flashes).collect();
+        for (stroke, flash) in &resolved {
+            flash.check_brightness(stroke)?;
+        }
+        // Strokes of one colour are summed before what the codec left below zero is cut off.
+        for group in resolved.chunk_by(|(a, x), (b, y)| x.color_of(a) == y.color_of(b)) {
+            sum.fill(0.0);
+            for (stroke, flash) in group.iter().filter(|(_, flash)| flash.brightness > 0.0) {
+                let entry = self.stroke_light(stroke, viewer, &mut report)?;
+                let brightness = flash.brightness as f32;
+                sum.iter_mut().zip(entry).for_each(|(sum, j)| *sum += brightness * j);
+            }
+            let color = Vec3::from_array(group[0].1.color_of(&group[0].0));
+            light.iter_mut().zip(&sum).for_each(|(light, j)| *light += color * j.max(0.0));
+        }
+        Ok(report)
+    }
+
+    /// J of a stroke of brightness 1 towards `viewer`, direct light included, from memory where it is the last frames'.
+    fn stroke_light(
+        &mut self,
+        stroke: &Arc<crate::stroke::Stroke>,
+        viewer: Viewer,
+        report: &mut LightReport,
+    ) -> Result<&[f32], RuntimeError> {
+        let rays = self.rays_per_point;
+        let at = match self.kept.find(stroke, viewer, rays) {
+            Some(at) => {
+                report.kept += 1;
+                at
+            }
+            None => {
+                stroke.check()?;
+                // One point a segment: what the bake prunes its sources to.
+                let light = self.light(&stroke.lights(0.0))?;
+                let mut j = vec![0.0; self.cloud().shape.len()];
+                let settings = DirectSettings { rays_per_point: rays, ..DirectSettings::default() };
+                light.towards(viewer, settings, &mut j);
+                let own = LightReport {
+                    lights: light.lights,
+                    sources: light.sources,
+                    live: light.lights_outside,
+                    kept: 0,
+                };
+                self.kept.insert(stroke.clone(), viewer, rays, (j, own))
+            }
+        };
+        let (j, own) = self.kept.at(at);
+        report.lights += own.lights;
+        report.sources += own.sources;
+        report.live += own.live;
+        Ok(j)
+    }
+
+    /// The asset's distant light in its grid's cells towards `viewer`, J per unit of each kind.
+    pub(crate) fn distant(
+        &mut self,
+        viewer: Viewer,
+        mut each: impl FnMut(squall_formats::section::response::DistantKind, &Cloud, &[f32]),
+    ) -> Result<(), RuntimeError> {
+        let mut j = vec![0.0; self.cloud().shape.len()];
+        for source in &self.relighter.response().head.distant {
+            let Some(relit) = self.relighter.distant(source.kind, &mut self.buffers)? else { continue };
+            light::towards(relit, self.relighter.cloud(), viewer, &mut j);
+            each(source.kind, self.relighter.cloud(), &j);
+        }
+        Ok(())
+    }
+}
+
+/// Rays from each point of a stroke in a still picture.
+pub(crate) const STILL_RAYS: u32 = 1024;
+
+/// Light per cell with the cell's extinction behind it.
+pub(crate) fn with_extinction(cloud: &Cloud, light: &[Vec3], cells: &mut Vec<Vec4>) {
+    cells.clear();
+    cells.extend(light.iter().zip(&cloud.extinction).map(|(j, &extinction)| j.extend(extinction)));
+}

@@ -1,0 +1,196 @@
+//! The light of some points in a cloud, before anyone looks at it.
+
+use crate::camera::{Camera, Projection};
+use crate::error::RuntimeError;
+use crate::in_scattered::InScattered;
+use crate::relight::{PointLight, Relighter, Relit};
+use crate::single_scatter::{DirectSettings, add_direct, add_direct_fluence};
+use crate::transport::Cloud;
+use glam::DVec3;
+use squall_formats::section::response::DirectionalBasis;
+use std::sync::Arc;
+
+/// Rays that direct light's fluence is made of, over all lights, and of one light at least and at most.
+const FLUENCE_RAYS: usize = 1 << 22;
+const FLUENCE_RAYS_PER_LIGHT: [usize; 2] = [1024, 1 << 16];
+
+/// Whom light is scattered towards.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Viewer {
+    /// Somebody at this point, m.
+    At(DVec3),
+    /// Somebody far away: the unit direction from the cloud to them.
+    Along(DVec3),
+}
+
+impl From<DVec3> for Viewer {
+    fn from(position: DVec3) -> Self {
+        Self::At(position)
+    }
+}
+
+impl From<&Camera> for Viewer {
+    fn from(camera: &Camera) -> Self {
+        match camera.projection {
+            Projection::Perspective { .. } => Self::At(camera.position),
+            Projection::Orthographic { .. } => Self::Along(-camera.forward),
+        }
+    }
+}
+
+impl Viewer {
+    /// The unit direction from `point` to the viewer.
+    #[must_use]
+    pub fn direction_from(self, point: DVec3) -> DVec3 {
+        match self {
+            Self::At(position) => (position - point).try_normalize().unwrap_or(DVec3::NEG_Z),
+            Self::Along(direction) => direction,
+        }
+    }
+
+    /// Refuses a viewer whom the asset's light was not baked for.
+    pub(super) fn check(self, relighter: &Relighter) -> Result<(), RuntimeError> {
+        let (Self::At(vector) | Self::Along(vector)) = self;
+        if !vector.is_finite() {
+            return Err(RuntimeError::argument("viewer", "three finite numbers", vector));
+        }
+        relighter.check_viewer(match self {
+            Self::At(position) => Some(position),
+            Self::Along(_) => None,
+        })
+    }
+}
+
+/// How a live solve went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiveReport {
+    /// Sweeps.
+    pub sweeps: u32,
+    /// Residual that was left.
+    pub residual: f64,
+}
+
+/// The light of some points in a cloud: everything that in-scattered radiance and fluence are made of. It holds its cloud.
+pub struct CloudLight {
+    pub(super) relighter: Arc<Relighter>,
+    pub(super) basis: DirectionalBasis,
+    /// The rows' coefficients, one plane of cells each.
+    pub(super) planes: Vec<f32>,
+    /// Points whose direct light is in neither planes nor live coefficients.
+    pub(super) direct: Vec<PointLight>,
+    /// J's 16 harmonic coefficients per cell of live light; empty where nothing was solved for.
+    pub(super) live: Vec<f32>,
+    pub(super) live_report: Option<LiveReport>,
+    pub(super) lights: usize,
+    pub(super) lights_outside: usize,
+    pub(super) sources: usize,
+}
+
+impl CloudLight {
+    /// The light as the rows hold it.
+    pub fn relit(&self) -> Relit<'_> {
+        Relit {
+            basis: self.basis,
+            frame: self.relighter.view_region_frame(),
+            cells: self.relighter.cloud().shape.len(),
+            planes: &self.planes,
+        }
+    }
+
+    /// The rows' coefficients, for those who take something out of them.
+    pub fn planes_mut(&mut self) -> &mut [f32] {
+        &mut self.planes
+    }
+
+    /// Points of light in all.
+    pub fn lights(&self) -> usize {
+        self.lights
+    }
+
+    /// Points that no row answers for, whose scattered light was solved for on the spot.
+    pub fn lights_outside(&self) -> usize {
+        self.lights_outside
+    }
+
+    /// Virtual point lights that the others were split over.
+    pub fn sources(&self) -> usize {
+        self.sources
+    }
+
+    /// How the live solve went, if there was one.
+    pub fn live_report(&self) -> Option<LiveReport> {
+        self.live_report
+    }
+
+    /// In-scattered radiance J towards `viewer` per cell, direct light included, W/(m² sr), into `out`; never negative.
+    ///
+    /// Errors: a viewer outside the asset's view region; `out` is not one grid long.
+    pub fn radiance(&self, viewer: impl Into<Viewer>, out: &mut [f32]) -> Result<(), RuntimeError> {
+        let viewer = viewer.into();
+        viewer.check(&self.relighter)?;
+        self.check_length(out.len())?;
+        self.towards(viewer, self.settings(), out);
+        out.iter_mut().for_each(|value| *value = value.max(0.0));
+        Ok(())
+    }
+
+    /// Fluence rate φ per cell, W/m², into `out`: light of all orders, direct light included; never negative. 0 in cells whose light
+    /// the asset left out because no ray shades with them.
+    ///
+    /// Errors: an asset baked for a view region, whose rows hold light towards that alone; `out` is not one grid long.
+    pub fn fluence(&self, out: &mut [f32]) -> Result<(), RuntimeError> {
+        self.check_length(out.len())?;
+        if let DirectionalBasis::ViewRegion { .. } = self.basis {
+            let wanted = "an asset with light in all directions: this one was baked for a view region, and its rows hold light \
+                          towards that alone (bake without it, with channels \"harmonics-…\" or \"directions-26\")";
+            return Err(RuntimeError::argument("fluence", wanted, "light towards a view region"));
+        }
+        let (lit, known) = (self.in_scattered(), self.relighter.known_cells());
+        for (cell, value) in out.iter_mut().enumerate() {
+            // A codec's error may leave a dark cell below zero; fluence is not.
+            *value = lit.fluence(cell).max(0.0);
+        }
+        let relighter = &self.relighter;
+        let (cloud, scale) = (relighter.cloud(), relighter.extinction_scale());
+        add_direct_fluence(cloud, scale, &self.direct, self.settings(), out);
+        out.iter_mut().zip(known).filter(|(_, known)| !known).for_each(|(value, _)| *value = 0.0);
+        Ok(())
+    }
+
+    fn settings(&self) -> DirectSettings {
+        let [fewest, most] = FLUENCE_RAYS_PER_LIGHT;
+        let rays_per_point = (FLUENCE_RAYS / self.direct.len().max(1)).clamp(fewest, most) as u32;
+        DirectSettings { rays_per_point, ..DirectSettings::default() }
+    }
+
+    fn check_length(&self, found: usize) -> Result<(), RuntimeError> {
+        let cells = self.relighter.cloud().shape.len();
+        if found == cells {
+            return Ok(());
+        }
+        Err(RuntimeError::argument("cells", format!("{cells} values, one a cell of the cloud's grid"), found))
+    }
+
+    /// J towards a viewer that was checked, as it is: the codec may leave it below zero.
+    pub(super) fn towards(&self, viewer: Viewer, settings: DirectSettings, out: &mut [f32]) {
+        let cloud = self.relighter.cloud();
+        self.in_scattered().towards_each(cloud, |_, middle| viewer.direction_from(middle), out);
+        if !self.direct.is_empty() {
+            let middle = |cell: usize| cloud.centre(cloud.shape.cell(cell));
+            let ways: Vec<[f32; 3]> =
+                (0..out.len()).map(|cell| viewer.direction_from(middle(cell)).as_vec3().to_array()).collect();
+            add_direct(cloud, self.relighter.extinction_scale(), &self.direct, &ways, settings, out);
+        }
+    }
+
+    /// J of rows and live light, without direct light that is in neither.
+    pub fn in_scattered(&self) -> InScattered<'_> {
+        InScattered { rows: self.relit(), live: &self.live, direct: &[] }
+    }
+}
+
+/// J of relit coefficients in each cell's own direction to the viewer.
+pub(super) fn towards(relit: Relit<'_>, cloud: &Cloud, viewer: Viewer, j: &mut [f32]) {
+    InScattered::of(relit).towards_each(cloud, |_, middle| viewer.direction_from(middle), j);
+}

@@ -1,0 +1,67 @@
+//! An asset's response without a borrow of the asset: what its rows mean, and where each lies in the asset's bytes.
+
+use crate::error::RuntimeError;
+use crate::load::Asset;
+use squall_formats::section::response::{
+    CoefficientBound, ResponseHead, ResponseSection, RowEntry, check_grid, checked_row, row_bytes,
+};
+use squall_formats::{GridShape, ReadError};
+use std::ops::Range;
+
+/// An asset's response: heads are parsed once, rows are read where they lie.
+pub struct Response {
+    asset: Asset,
+    /// Version that the section was written in.
+    pub version: u16,
+    /// What the rows mean.
+    pub head: ResponseHead,
+    /// One entry a row.
+    pub index: Vec<RowEntry>,
+    /// One bound a row and coefficient, coefficients innermost.
+    pub bounds: Vec<CoefficientBound>,
+    /// Where all rows lie in the asset's bytes.
+    rows: Range<usize>,
+}
+
+impl Response {
+    /// Reads the head. Errors: the asset has no response, or a damaged one.
+    pub(super) fn new(asset: &Asset) -> Result<Self, RuntimeError> {
+        let section = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read)?;
+        // A section that was just read is in the directory; rows are its end.
+        let end = asset.directory().find(ResponseSection::TAG).map_or(0, |entry| entry.offset + entry.length);
+        let rows = (end as usize).saturating_sub(section.rows.len())..end as usize;
+        let (index, bounds) = (section.index.to_vec(), section.bounds.to_vec());
+        Ok(Self { asset: asset.clone(), version: section.version, head: section.head, index, bounds, rows })
+    }
+
+    /// Checks that the rows describe the cells of the asset's cloud grid: [`ResponseSection::check_grid`].
+    pub(super) fn check_grid(&self, cloud: GridShape) -> Result<(), ReadError> {
+        check_grid(self.head.shape, cloud)
+    }
+
+    /// All rows.
+    pub fn rows(&self) -> &[u8] {
+        self.asset.bytes().get(self.rows.clone()).unwrap_or_default()
+    }
+
+    /// Number of rows: virtual point lights and distant lights.
+    pub fn row_count(&self) -> usize {
+        self.index.len()
+    }
+
+    /// The bytes of row `row` with their checksum verified.
+    pub fn row(&self, row: usize) -> Result<&[u8], ReadError> {
+        checked_row(&self.index, self.rows(), row)
+    }
+
+    /// The bytes of row `row`, for a reader that has verified it before.
+    pub fn row_unchecked(&self, row: usize) -> Result<&[u8], ReadError> {
+        row_bytes(&self.index, self.rows(), row)
+    }
+
+    /// Bounds of row `row`, one a coefficient.
+    pub fn bounds_of(&self, row: usize) -> &[CoefficientBound] {
+        let coefficients = self.head.basis.count();
+        self.bounds.get(row * coefficients..(row + 1) * coefficients).unwrap_or_default()
+    }
+}

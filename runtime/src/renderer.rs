@@ -1,0 +1,220 @@
+//! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
+
+mod channel;
+mod draw;
+mod light;
+mod rain;
+mod town;
+
+use crate::camera::Camera;
+use crate::clouds::Clouds;
+use crate::error::RuntimeError;
+use crate::frame::{Frame, tone_of};
+use crate::load::Asset;
+use crate::picture::Picture;
+use crate::rain::Workspace;
+use crate::relight::Relighter;
+use crate::shade::cloud::CloudShape;
+use crate::shade::detail::{Detail, DetailParameters};
+use crate::shade::sky::{Sky, SkyParameters};
+use crate::shade::streak::StreakSet;
+use crate::shade::town::Town;
+use crate::stroke::{Stroke, Strokes};
+use crate::tone::Tone;
+use glam::Vec4;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::cloud::CloudSection;
+use squall_formats::section::density::DensitySection;
+use squall_formats::section::streak::StreakSection;
+use squall_formats::section::town::TownSection;
+use squall_formats::section::view::ViewSection;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Draws pictures of an asset's storm. It holds its asset and its memory, so that an engine can store it and hand it from thread
+/// to thread.
+///
+/// What stays the same from one frame to the next is kept: the sky, the billows, the cloud's light under that sky, and the
+/// light of every stroke while stroke and viewer stand still, which brightness and colour only scale.
+///
+/// ```
+/// use squall_runtime::StormRenderer;
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+/// let mut renderer = StormRenderer::open(path)?;
+/// let frame = renderer.frame().expect("the asset brings a view");
+/// let picture = renderer.render(&frame)?;
+/// assert_eq!((picture.width, picture.height), (64, 36));
+/// # Ok::<(), squall_runtime::RuntimeError>(())
+/// ```
+pub struct StormRenderer {
+    scene: Scene,
+    memory: Memory,
+    report: FrameReport,
+}
+
+/// The parts of an asset that pictures need. What it lacks is not drawn.
+struct Scene {
+    asset: Asset,
+    strokes: Arc<Strokes>,
+    cloud: Option<(Arc<Relighter>, CloudShape)>,
+    rain: Option<DensitySection>,
+    patterns: StreakSet,
+    town: Option<Town>,
+    view: Option<ViewSection>,
+}
+
+/// Memory for pictures; most of it is kept from one to the next.
+struct Memory {
+    clouds: Option<Clouds>,
+    picture: Picture,
+    sky: Option<(SkyParameters, Sky)>,
+    detail: Option<(DetailParameters, Detail)>,
+    ambient: light::Ambient,
+    cells: Vec<Vec4>,
+    flash_cells: Vec<Vec4>,
+    town: town::Kept,
+    rain: Workspace,
+    transmittance: Vec<f32>,
+    metres: Vec<f32>,
+}
+
+/// What a picture took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct FrameReport {
+    /// Points of light on the flashing strokes.
+    pub lights: usize,
+    /// Virtual point lights that they were split over.
+    pub sources: usize,
+    /// Points that no row answers for, whose light was solved for on the spot.
+    pub lights_live: usize,
+    /// Flashing strokes whose light was kept from an earlier frame.
+    pub strokes_kept: usize,
+    /// Rain streaks found.
+    pub streaks: usize,
+}
+
+impl StormRenderer {
+    /// Opens an asset file and every part of it that pictures need.
+    ///
+    /// Errors: as [`Asset::open`]; a part that is there and damaged.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, RuntimeError> {
+        Self::new(Asset::open(path)?)
+    }
+
+    /// The same of an open asset, in an [`Arc`] or not: a renderer shares its bytes.
+    ///
+    /// Errors: a part that is there and damaged.
+    pub fn new(asset: impl Into<Asset>) -> Result<Self, RuntimeError> {
+        let asset = asset.into();
+        let has = |tag| asset.directory().find(tag).is_some();
+        let strokes = Arc::new(Strokes::of(&asset)?);
+        let clouds = match has(CloudSection::TAG) {
+            true => Some(Clouds::with_strokes(&asset, strokes.clone())?),
+            false => None,
+        };
+        let cloud = clouds.as_ref().map(|clouds| (clouds.shared(), CloudShape::new(clouds.cloud())));
+        let rain = match has(DensitySection::TAG) {
+            true => Some(asset.section(DensitySection::TAG, "the rain's density", DensitySection::read)?),
+            false => None,
+        };
+        let patterns = match has(StreakSection::TAG) {
+            true => asset.section(StreakSection::TAG, "streak patterns", StreakSection::read)?,
+            false => StreakSection { patterns: Vec::new() },
+        };
+        let town = match has(TownSection::TAG) {
+            true => Some(Town::new(&asset.section(TownSection::TAG, "the town", TownSection::read)?)),
+            false => None,
+        };
+        let view = match has(ViewSection::TAG) {
+            true => Some(asset.section(ViewSection::TAG, "the view", ViewSection::read)?),
+            false => None,
+        };
+        let patterns = StreakSet::new(&patterns);
+        let scene = Scene { asset, strokes, cloud, rain, patterns, town, view };
+        let memory = Memory {
+            clouds,
+            picture: Picture::new(1, 1)?,
+            sky: None,
+            detail: None,
+            ambient: light::Ambient::default(),
+            cells: Vec::new(),
+            flash_cells: Vec::new(),
+            town: town::Kept::default(),
+            rain: Workspace::new(),
+            transmittance: Vec::new(),
+            metres: Vec::new(),
+        };
+        Ok(Self { scene, memory, report: FrameReport::default() })
+    }
+
+    /// The asset.
+    pub fn asset(&self) -> &Asset {
+        &self.scene.asset
+    }
+
+    /// The view that the asset brings, as its author wrote it.
+    pub fn view(&self) -> Option<&ViewSection> {
+        self.scene.view.as_ref()
+    }
+
+    /// The frame of the asset's own view.
+    #[must_use]
+    pub fn frame(&self) -> Option<Frame> {
+        self.view().map(Frame::from)
+    }
+
+    /// A frame from another camera, in the weather and under the sky of the asset's own view (where it has one), dark.
+    #[must_use]
+    pub fn frame_from(&self, camera: Camera) -> Frame {
+        match self.frame() {
+            Some(frame) => frame.camera(camera).dark(),
+            None => Frame::new(camera),
+        }
+    }
+
+    /// How the asset's author wants light to become a picture, or a default.
+    #[must_use]
+    pub fn tone(&self) -> Tone {
+        self.view().map_or_else(Tone::default, |view| tone_of(&view.tone))
+    }
+
+    /// The asset's strokes, as the numbers that grow them: a stroke grows when it flashes.
+    pub fn strokes(&self) -> &[StrokeRecord] {
+        self.scene.strokes.records()
+    }
+
+    /// The asset's stroke of this name, grown.
+    ///
+    /// Errors: no stroke has it, or it has more segments than strokes that flash together may have.
+    pub fn stroke(&self, name: &str) -> Result<Arc<Stroke>, RuntimeError> {
+        self.scene.strokes.named(name)
+    }
+
+    /// The asset's cloud, where it has one: where it is lit, and its light as data.
+    pub fn clouds(&mut self) -> Option<&mut Clouds> {
+        self.memory.clouds.as_mut()
+    }
+
+    /// Draws `frame`: linear radiance, W/(m² sr), row 0 on top. The picture stays until the next call.
+    ///
+    /// Errors: a number out of range, by name; a stroke that the asset lacks or, without feature `live`, whose light was not
+    /// baked; a camera outside the view region that the asset was baked for; rain where the asset has none; a damaged row.
+    pub fn render(&mut self, frame: &Frame) -> Result<&Picture, RuntimeError> {
+        frame.check()?;
+        self.report = self.scene.draw(frame, &mut self.memory)?;
+        Ok(&self.memory.picture)
+    }
+
+    /// The picture of the last [`StormRenderer::render`]; one black pixel before the first.
+    #[must_use]
+    pub fn picture(&self) -> &Picture {
+        &self.memory.picture
+    }
+
+    /// What the last picture took.
+    #[must_use]
+    pub fn report(&self) -> FrameReport {
+        self.report
+    }
+}

@@ -1,0 +1,279 @@
+//! A whole picture of a storm.
+//!
+//! The order is that of light's way back to the eye: what stands farthest first, each nearer thing over it.
+//!
+//! 1. The asset's rows become light per cell ([`super::light`]): the flashes' strokes, the sky's hemispheres, the sun.
+//! 2. Sky, with the cloud marched in front of it, at every pixel and in a small map for mirrors.
+//! 3. The town, lit by all of that; clear air in front of both.
+//! 4. The rain's medium, in front of it the channels of strokes in sight, dimmed by what rain is between ([`super::channel`]).
+//! 5. The rain's streaks ([`super::rain`]).
+
+use super::{FrameReport, Memory, Scene, channel, light, rain, town};
+use crate::camera::{Camera, Ray};
+use crate::error::RuntimeError;
+use crate::frame::{Flash, Frame};
+use crate::parallel::prelude::*;
+use crate::picture::Picture;
+use crate::rain::{Rain, Surroundings};
+use crate::shade::cloud::{CloudPicture, CloudView};
+use crate::shade::detail::Detail;
+use crate::shade::environment::{Environment, EnvironmentWindow};
+use crate::shade::sky::Sky;
+use crate::shade::town::frame::TownFrame;
+use crate::shade::town::light::{Lighting, StrokeLights};
+use crate::stroke::Stroke;
+use crate::transport::Cloud;
+use glam::{DVec3, Vec3, Vec4};
+use squall_formats::units::Radians;
+use std::sync::Arc;
+
+/// Heights of the middle of what stands around the eye, and of a cloud, that clear air is looked through to, m.
+const TOWN_M: f64 = 10.0;
+pub(super) const CLOUD_M: f64 = 4_000.0;
+/// Highest eye that clear air's density is known for, m.
+const HIGHEST_EYE_M: f64 = 1e5;
+/// The mirrors' map: half its width, its top, columns and rows.
+const MIRROR_HALF_WIDTH: f64 = 1.1;
+const MIRROR_TOP: f64 = 1.2;
+const MIRROR_SIZE: [usize; 2] = [400, 240];
+/// Beyond this distance the town's ground is as far as the air goes, m.
+const FARTHEST_GROUND_M: f32 = 4e4;
+
+/// Height of an eye above the ground (z = 0), m.
+pub(super) fn eye_height(eye: DVec3) -> f64 {
+    eye.z.clamp(0.0, HIGHEST_EYE_M)
+}
+
+impl Scene {
+    /// Draws `frame`, which was checked, into `memory.picture`.
+    pub(super) fn draw(&self, frame: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
+        let sky = match memory.sky.take() {
+            Some((known, sky)) if known == frame.sky => sky,
+            _ => Sky::new(&frame.sky)?,
+        };
+        let detail = match memory.detail.take() {
+            Some((known, detail)) if known == frame.detail => detail,
+            _ => Detail::new(&frame.detail)?,
+        };
+        let drawn = self.draw_under(frame, (&sky, &detail), memory);
+        memory.sky = Some((frame.sky.clone(), sky));
+        memory.detail = Some((frame.detail, detail));
+        drawn
+    }
+
+    fn draw_under(
+        &self,
+        frame: &Frame,
+        (sky, detail): (&Sky, &Detail),
+        memory: &mut Memory,
+    ) -> Result<FrameReport, RuntimeError> {
+        let camera = &frame.camera;
+        let flashes = self.lit_strokes(frame, sky)?;
+        let size = [camera.width as usize, camera.height as usize];
+        if [memory.picture.width, memory.picture.height] != size {
+            memory.picture = Picture::new(size[0], size[1])?;
+        }
+        let mut report = FrameReport::default();
+        if let Some(clouds) = &mut memory.clouds {
+            let cells = (&mut memory.cells, &mut memory.flash_cells);
+            report = light::light_cells(clouds, frame, sky, &mut memory.ambient, cells)?;
+        }
+        let clouds = Clouds { scene: self, frame, detail };
+        let cloud = clouds.marched(&memory.cells);
+        let eye = camera.position;
+        let beyond = |ray: &Ray| {
+            let mut light = sky.radiance(ray.direction.as_vec3());
+            if let Some(cloud) = &cloud {
+                cover(&mut light, cloud.march(ray), (sky, eye));
+            }
+            light
+        };
+        self.render_town(
+            frame,
+            sky,
+            &flashes,
+            (&beyond, clouds.marched(&memory.flash_cells)),
+            &mut memory.town,
+        );
+        self.compose(camera, sky, &beyond, memory.town.frame(), &mut memory.picture);
+        self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
+        Ok(report)
+    }
+
+    /// The town, lit by sky, cloud and channels.
+    fn render_town(
+        &self,
+        frame: &Frame,
+        sky: &Sky,
+        flashes: &[LitStroke],
+        (beyond, lit): (&(dyn Fn(&Ray) -> [f32; 3] + Sync), Option<CloudPicture<'_>>),
+        out: &mut town::Kept,
+    ) {
+        let Some(town) = &self.town else { return };
+        let camera = &frame.camera;
+        let eye = camera.position;
+        let window = EnvironmentWindow {
+            heading: heading_of(camera),
+            half_width: Radians(MIRROR_HALF_WIDTH),
+            top: Radians(MIRROR_TOP),
+            size: MIRROR_SIZE,
+        };
+        let from_eye = |direction: Vec3| Ray { origin: eye, direction: direction.as_dvec3() };
+        let mirror = Environment::new(window, &|direction| beyond(&from_eye(direction)));
+        // A cloud that no stroke lights sheds nothing: its rays are not followed.
+        let lit = lit.filter(|_| !flashes.is_empty());
+        let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
+        let ambient = |normal: Vec3| sky.ambient_irradiance(normal);
+        let leaves = |_: Vec3, direction: Vec3| mirror.lookup(direction);
+        let lighting = Lighting {
+            ambient: &ambient,
+            points: &[],
+            images: &[],
+            strokes: &[],
+            glows: &glows,
+            leaves: &leaves,
+        };
+        out.render(town, frame, flashes, lighting);
+    }
+
+    /// The rain's medium over the picture, channels in front of it, streaks in front of those.
+    fn draw_rain(
+        &self,
+        frame: &Frame,
+        sky: &Sky,
+        flashes: &[LitStroke],
+        memory: &mut Memory,
+        report: &mut FrameReport,
+    ) -> Result<(), RuntimeError> {
+        let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());
+        let channels = channel::Channels { flashes, camera, sky, cloud, town };
+        let Some(section) = &self.rain else {
+            let rate = frame.weather.rate.0;
+            if rate > 0.0 {
+                let (field, wanted) = ("rain.rate_mm_per_h", "0: this asset has no rain");
+                return Err(RuntimeError::argument(field, wanted, format!("{rate} mm/h")));
+            }
+            channels.draw(&|_| 1.0, &mut memory.picture);
+            return Ok(());
+        };
+        let rain = Rain::new(section, frame.streaks.seed);
+        let task = rain::Task {
+            section,
+            rain: &rain,
+            patterns: &self.patterns,
+            frame,
+            flashes,
+            lamps: town.map_or(&[], |town| town.lamps()),
+            has_depth: town.is_some(),
+            surroundings: Surroundings::from_picture(&memory.picture),
+        };
+        let medium = rain::medium(&task, memory)?;
+        channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
+        report.streaks = rain::streaks(&task, &medium, memory)?;
+        Ok(())
+    }
+
+    fn cloud_grid(&self) -> Option<&Cloud> {
+        self.cloud.as_ref().map(|(relighter, _)| relighter.cloud())
+    }
+
+    /// The strokes that the frame lets flash, each with its factor.
+    fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
+        let eye = frame.camera.position;
+        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
+        let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
+        let strokes = self.strokes.find(lit.clone())?;
+        let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
+            let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
+            LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
+        };
+        Ok(lit.zip(strokes).map(lit_by).collect())
+    }
+
+    /// Sky and cloud behind the town, clear air in front.
+    fn compose(
+        &self,
+        camera: &Camera,
+        sky: &Sky,
+        beyond: &(dyn Fn(&Ray) -> [f32; 3] + Sync),
+        town: &TownFrame,
+        picture: &mut Picture,
+    ) {
+        let (width, has_town) = (picture.width, self.town.is_some());
+        let row = |(y, row): (usize, &mut [[f32; 3]])| {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let seen = has_town.then(|| town.pixels[y * width + x]);
+                let cover = seen.map_or(0.0, |seen| seen.cover);
+                *pixel = [0.0; 3];
+                if cover < 1.0 {
+                    let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
+                    *pixel = beyond(&ray).map(|value| value * (1.0 - cover));
+                }
+                let Some(seen) = seen else { continue };
+                let air = sky.air_view(
+                    eye_height(camera.position),
+                    TOWN_M,
+                    f64::from(seen.distance.min(FARTHEST_GROUND_M)),
+                );
+                for band in 0..3 {
+                    pixel[band] += seen.radiance[band] * air.transmittance[band] + air.added[band] * cover;
+                }
+            }
+        };
+        picture.pixels.par_chunks_mut(width).enumerate().for_each(row);
+    }
+}
+
+/// The cloud as one frame marches it.
+struct Clouds<'a> {
+    scene: &'a Scene,
+    frame: &'a Frame,
+    detail: &'a Detail,
+}
+
+impl<'a> Clouds<'a> {
+    fn marched(&self, cells: &'a [Vec4]) -> Option<CloudPicture<'a>> {
+        let (relighter, shape) = self.scene.cloud.as_ref()?;
+        let billow = self.frame.detail;
+        let billow = (billow.amplitude > 0.0).then_some(billow.size);
+        Some(CloudPicture::new(relighter.cloud(), shape, cells, self.detail, billow))
+    }
+}
+
+/// A stroke that flashes.
+pub(super) struct LitStroke {
+    pub stroke: Arc<Stroke>,
+    /// Colour times brightness.
+    pub scale: [f32; 3],
+    /// The stroke as points around the eye, of brightness 1 in white.
+    pub lights: StrokeLights,
+}
+
+impl LitStroke {
+    /// Radiant intensity per colour of a piece of the stroke, W/sr.
+    pub fn intensity(&self, intensity: f64) -> [f32; 3] {
+        self.scale.map(|band| (f64::from(band) * intensity) as f32)
+    }
+}
+
+/// Lays a cloud over the sky behind it, through the clear air in front of it.
+fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
+    if cloud.transmittance == 1.0 {
+        return;
+    }
+    let air = sky.air_view(eye_height(eye), CLOUD_M, f64::from(cloud.distance));
+    for band in 0..3 {
+        light[band] = light[band] * cloud.transmittance
+            + cloud.radiance[band] * air.transmittance[band]
+            + air.added[band] * (1.0 - cloud.transmittance);
+    }
+}
+
+/// The direction that a camera looks in over the ground, from +x towards +y; of one that looks straight up or down, where its
+/// picture's top or bottom points.
+fn heading_of(camera: &Camera) -> Radians {
+    let level = |v: DVec3| DVec3::new(v.x, v.y, 0.0);
+    let way = level(camera.forward);
+    let way = if way.length_squared() > 1e-12 { way } else { level(camera.up) * -camera.forward.z.signum() };
+    Radians(libm::atan2(way.y, way.x))
+}

@@ -1,0 +1,86 @@
+//! The town in a picture. What a stroke of brightness 1 does to it is kept while camera, sky and town stand still: shadows and images
+//! in the water then cost nothing in a flash's later frames.
+
+use super::draw::LitStroke;
+use crate::camera::Camera;
+use crate::frame::Frame;
+use crate::shade::sky::SkyParameters;
+use crate::shade::town::Town;
+use crate::shade::town::frame::{MOST_STROKES, Quality, TownFrame};
+use crate::shade::town::light::{Lighting, SceneLight, StrokeLights};
+use crate::stroke::Stroke;
+use std::sync::Arc;
+
+/// Bytes that kept pictures of strokes' light may take; the oldest go first.
+const MOST_BYTES: usize = 256 << 20;
+
+/// The last picture of the town, and of each stroke's light on it.
+#[derive(Default)]
+pub struct Kept {
+    frame: TownFrame,
+    made_for: Option<(Camera, SkyParameters, Quality)>,
+    strokes: Vec<(Arc<Stroke>, Vec<[f32; 3]>)>,
+}
+
+impl Kept {
+    /// The town as the last frame shows it.
+    pub fn frame(&self) -> &TownFrame {
+        &self.frame
+    }
+
+    /// Renders the town in `lighting` and the light of `flashes`.
+    pub fn render(&mut self, town: &Town, frame: &Frame, flashes: &[LitStroke], lighting: Lighting<'_>) {
+        let key = (&frame.camera, &frame.sky, frame.quality.town);
+        if self.made_for.as_ref().is_none_or(|(camera, sky, quality)| (camera, sky, *quality) != key) {
+            self.strokes.clear();
+            self.made_for = Some((frame.camera.clone(), frame.sky.clone(), frame.quality.town));
+        }
+        let mut new: Vec<&LitStroke> = Vec::new();
+        for flash in flashes {
+            let again = new.iter().any(|other| same(&other.stroke, &flash.stroke));
+            if !again && self.of(&flash.stroke).is_none() {
+                new.push(flash);
+            }
+        }
+        // Those that one pass cannot tell apart go with everything else.
+        let beyond = new.split_off(new.len().min(MOST_STROKES));
+        let (mut points, mut images) = (Vec::new(), Vec::new());
+        for flash in
+            flashes.iter().filter(|flash| beyond.iter().any(|other| same(&other.stroke, &flash.stroke)))
+        {
+            points.extend(flash.lights.points.iter().map(|light| scaled(light, flash.scale)));
+            images.extend(flash.lights.images.iter().map(|light| scaled(light, flash.scale)));
+        }
+        let strokes: Vec<StrokeLights> = new.iter().map(|flash| flash.lights.clone()).collect();
+        let lighting = Lighting { points: &points, images: &images, strokes: &strokes, ..lighting };
+        town.render(&frame.camera, &lighting, frame.quality.town, &mut self.frame);
+        let pictures = std::mem::take(&mut self.frame.strokes);
+        self.strokes.extend(new.iter().map(|flash| flash.stroke.clone()).zip(pictures));
+        for flash in flashes {
+            let Some(picture) = self.strokes.iter().find(|(known, _)| same(known, &flash.stroke)) else {
+                continue;
+            };
+            for (pixel, light) in self.frame.pixels.iter_mut().zip(&picture.1) {
+                (0..3).for_each(|band| pixel.radiance[band] += flash.scale[band] * light[band]);
+            }
+        }
+        let bytes = |(_, picture): &(Arc<Stroke>, Vec<[f32; 3]>)| size_of_val(picture.as_slice());
+        while self.strokes.iter().map(bytes).sum::<usize>() > MOST_BYTES {
+            self.strokes.remove(0);
+        }
+    }
+
+    fn of(&self, stroke: &Arc<Stroke>) -> Option<&[[f32; 3]]> {
+        self.strokes.iter().find(|(known, _)| same(known, stroke)).map(|(_, picture)| picture.as_slice())
+    }
+}
+
+/// Whether two strokes send the same light but for its colour.
+fn same(a: &Arc<Stroke>, b: &Arc<Stroke>) -> bool {
+    Arc::ptr_eq(a, b) || a.segments == b.segments
+}
+
+fn scaled(light: &SceneLight, scale: [f32; 3]) -> SceneLight {
+    let intensity = std::array::from_fn(|band| scale[band] * light.intensity[band]);
+    SceneLight { intensity, ..*light }
+}

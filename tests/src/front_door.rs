@@ -1,0 +1,189 @@
+//! The front door: a renderer that an engine can hold, strokes anywhere, light as data, frames that keep what stays the same.
+
+use crate::frame::{asset, sections};
+use glam::DVec3;
+use squall_bake::cloud::{TruthSettings, solve_light};
+use squall_bake::fields::Fields;
+use squall_bake::input::scene::{Optics, read_scene};
+use squall_bake::pipeline;
+use squall_bake::progress::Quiet;
+use squall_bake::recipe::Recipe;
+use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::units::Seconds;
+use squall_runtime::clouds::{CloudLight, Viewer};
+use squall_runtime::relight::PointLight;
+use squall_runtime::transport::direct::Light;
+use squall_runtime::{Asset, Camera, Clouds, Flash, Frame, RuntimeError, StormRenderer, Stroke};
+use std::sync::Arc;
+
+#[test]
+fn an_engine_can_store_every_part_and_hand_it_from_thread_to_thread() {
+    // The bounds of a Bevy resource.
+    fn assert<T: Send + Sync + 'static>() {}
+    assert::<StormRenderer>();
+    assert::<Clouds>();
+    assert::<CloudLight>();
+    assert::<Asset>();
+    assert::<Frame>();
+    assert::<Flash>();
+    assert::<Stroke>();
+    assert::<Camera>();
+    assert::<RuntimeError>();
+}
+
+fn reseeded(record: &StrokeRecord, number: u64) -> StrokeRecord {
+    StrokeRecord { seed: record.seed + 1000 * (number + 1), ..record.clone() }
+}
+
+#[test]
+fn strokes_with_other_seeds_light_a_pruned_cloud_all_of_them() {
+    let mut renderer = StormRenderer::new(asset(sections())).unwrap();
+    let records: Vec<StrokeRecord> = renderer.strokes().to_vec();
+    let frame = renderer.frame().unwrap().dark();
+    let clouds = renderer.clouds().unwrap();
+    assert!(clouds.share_lit() < 1.0, "the asset is pruned");
+    let cells = clouds.cloud().shape.len();
+    let mut pruned = 0;
+    for number in 0..12 {
+        for record in &records {
+            let stroke = Stroke::grow(&reseeded(record, number));
+            pruned += usize::from(stroke.lights(0.0).iter().any(|light| !clouds.is_lit(light.position)));
+            let mut light = vec![[0.0; 4]; cells];
+            clouds.radiance(&[Flash::own(stroke)], frame.camera.position, &mut light).unwrap();
+            assert!(light.iter().any(|cell| cell[0] > 0.0), "{} {number}", record.name);
+        }
+    }
+    assert!(pruned > 0, "some of the 24 leave what was baked");
+}
+
+#[test]
+fn a_live_solve_is_the_light_that_rows_hold() {
+    let mut clouds = Clouds::new(&asset(sections())).unwrap();
+    let inside = Stroke::grow(&StormRenderer::new(asset(sections())).unwrap().strokes()[0]);
+    let lit = inside.lights(0.0);
+    let rows = clouds.light(&lit).unwrap();
+    assert_eq!((rows.lights_outside(), rows.live_report()), (0, None));
+    // The nearest places that no row answers for: light there is nearly the same light.
+    let [low, _] = clouds.bounds();
+    let outside = PointLight { position: low - DVec3::splat(1.0), intensity: 1e6 };
+    let edge = PointLight { position: clouds.nearest_lit(low).unwrap(), intensity: 1e6 };
+    let live = clouds.light(&[outside]).unwrap();
+    assert_eq!(live.lights_outside(), 1);
+    let solved = live.live_report().unwrap();
+    assert!(solved.sweeps > 0 && solved.residual > 0.0);
+    let sum = |light: &CloudLight| -> f64 {
+        let mut j = vec![0.0; 12 * 12 * 12];
+        light.radiance(DVec3::new(0.0, 0.0, 2.0), &mut j).unwrap();
+        j.iter().map(|&v| f64::from(v)).sum()
+    };
+    if clouds.nearest_lit(low).unwrap().distance(low) < 1.0 {
+        let rows = clouds.light(&[edge]).unwrap();
+        /// A metre in some hundred, and the codec.
+        const NEARLY: f64 = 0.1;
+        assert!((sum(&live) / sum(&rows) - 1.0).abs() < NEARLY);
+    }
+    assert!(sum(&live) > 0.0);
+}
+
+/// Single precision sums of a few thousand terms, relative to a picture's brightest pixel.
+const ROUND_OFF: f32 = 1e-5;
+
+#[test]
+fn frames_of_a_flash_are_fresh_pictures_to_round_off_and_keep_their_strokes_light() {
+    let mut used = StormRenderer::new(asset(sections())).unwrap();
+    let strokes: Vec<Arc<Stroke>> =
+        used.strokes().iter().map(|record| used.stroke(&record.name).unwrap()).collect();
+    let still = used.frame().unwrap().dark();
+    for (number, brightness) in [1.0, 0.3, 2.0, 0.0, 0.7].into_iter().enumerate() {
+        let mut frame = still.clone().time(Seconds(number as f64 * 0.03));
+        for (stroke, factor) in strokes.iter().zip([1.0, 0.5]) {
+            let flash = Flash::own(stroke.clone()).brightness(brightness * factor);
+            frame = frame.flash(flash.colored([1.0, 1.0 + brightness as f32, 0.5]));
+        }
+        let mut fresh = StormRenderer::new(asset(sections())).unwrap();
+        let wanted = fresh.render(&frame).unwrap();
+        let found = used.render(&frame).unwrap();
+        let most = wanted.pixels.iter().flatten().fold(0.0f32, |most, &v| most.max(v));
+        let pairs = found.pixels.iter().flatten().zip(wanted.pixels.iter().flatten());
+        let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0f32, f32::max);
+        assert!(off <= ROUND_OFF * most, "frame {number}: {off} of {most}");
+        let kept = if number == 0 || brightness == 0.0 { 0 } else { strokes.len() };
+        assert_eq!(used.report().strokes_kept, kept, "frame {number}");
+    }
+}
+
+#[test]
+fn light_per_cell_scales_with_brightness_and_colour_in_both_precisions() {
+    let mut clouds = Clouds::new(&asset(sections())).unwrap();
+    let cells = clouds.cloud().shape.len();
+    let viewer = DVec3::new(0.0, 0.0, 2.0);
+    let [mut one, mut two] = [0, 1].map(|_| vec![[0.0f32; 4]; cells]);
+    clouds.radiance(&[Flash::named("inside").colored([1.0, 1.0, 1.0])], viewer, &mut one).unwrap();
+    let flash = Flash::named("inside").brightness(2.0).colored([0.5, 1.0, 2.0]);
+    clouds.radiance(std::slice::from_ref(&flash), viewer, &mut two).unwrap();
+    let mut half = vec![[0u16; 4]; cells];
+    clouds.radiance_f16(&[flash], viewer, &mut half).unwrap();
+    for ((one, two), half) in one.iter().zip(&two).zip(&half) {
+        for (band, factor) in [1.0, 2.0, 4.0].into_iter().enumerate() {
+            assert!((two[band] - factor * one[band]).abs() <= 1e-6 * two[band], "{one:?} {two:?}");
+        }
+        assert_eq!(two[3], one[3]);
+        assert_eq!(*half, two.map(squall_runtime::clouds::f16_bits));
+    }
+    assert!(one.iter().any(|cell| cell[0] > 0.0) && one.iter().all(|cell| cell[0] >= 0.0));
+    let error = clouds.radiance(&[], viewer, &mut one[1..]).unwrap_err().to_string();
+    assert!(error.contains("1728 values"), "{error}");
+    let error = clouds.radiance(&[], Viewer::At(DVec3::NAN), &mut one).unwrap_err().to_string();
+    assert!(error.contains("viewer"), "{error}");
+}
+
+#[test]
+fn an_asset_baked_for_a_view_region_says_why_it_has_no_fluence() {
+    let asset = Asset::open(crate::root().join("data/golden/v2/eyes.squall")).unwrap();
+    let mut clouds = Clouds::new(&asset).unwrap();
+    let [low, high] = clouds.bounds();
+    let light = clouds.nearest_lit(0.5 * (low + high)).unwrap();
+    let light = clouds.light(&[PointLight { position: light, intensity: 1.0 }]).unwrap();
+    let mut cells = vec![0.0; clouds.cloud().shape.len()];
+    let error = light.fluence(&mut cells).unwrap_err().to_string();
+    assert!(error.contains("view region"), "{error}");
+    let error = light.radiance(DVec3::splat(1e6), &mut cells).unwrap_err().to_string();
+    assert!(error.contains("camera position"), "{error}");
+}
+
+const LAMPS: [[f64; 3]; 3] = [[210.0, -130.0, -150.0], [-175.0, 225.0, -5.0], [-175.0, 225.0, 75.0]];
+
+#[test]
+fn fluence_is_that_of_a_solve_in_the_mean_and_never_negative() {
+    /// Three per cent: light between virtual point lights, the codec, and a coarser grid together.
+    const MEAN: f64 = 0.03;
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.json");
+    let density = crate::root().join("data/input/layer32.f32");
+    std::fs::copy(density, folder.path().join("layer32.f32")).unwrap();
+    let text = r#"{"dims_xyz": [32, 32, 4], "cell_m": 50.0, "origin_m": [-800.0, -800.0, 0.0],
+        "density_file": "layer32.f32", "kappa_per_m": 0.03, "albedo": 0.999, "g": 0.5}"#;
+    std::fs::write(&scene, text).unwrap();
+    let recipe = folder.path().join("recipe.toml");
+    let text = "[clouds]\nscene = \"scene.json\"\n[clouds.lightning]\nlow_m = [-225.0, -175.0, -175.0]\n\
+        high_m = [225.0, 275.0, 125.0]\nspacing_m = 75.0\nlongest_m = 75.0\n[clouds.transport]\ndirections = \"2x8\"\n\
+        refine = 1\n[clouds.response]\nchannels = \"harmonics-1\"\ndirect = \"run-time\"\nerror = 0.02\ntest_strokes = 0\n";
+    std::fs::write(&recipe, text).unwrap();
+    let baked = asset(&pipeline::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap().sections);
+    let mut clouds = Clouds::new(&baked).unwrap();
+    let cloud = read_scene(&scene, Optics::default()).unwrap().cloud;
+    let settings = TruthSettings { high_degree: false, ..TruthSettings::default() };
+    for position in LAMPS.map(DVec3::from_array) {
+        let truth = solve_light(&cloud, Light::Point { position, intensity: 1.0 }, &[], &settings, &Quiet);
+        let fields = Fields::of_truth(&truth.unwrap(), &[], &Quiet).unwrap();
+        let (direct, scattered) = (&fields.phi_direct.mean, &fields.phi_scattered.mean);
+        let wanted: Vec<f32> = direct.iter().zip(scattered).map(|(a, b)| a + b).collect();
+        let mut found = vec![0.0; cloud.shape.len()];
+        clouds.light(&[PointLight { position, intensity: 1.0 }]).unwrap().fluence(&mut found).unwrap();
+        let mean = |values: &[f32]| values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64;
+        let off = mean(&found) / mean(&wanted) - 1.0;
+        println!("lamp {position}: mean fluence off by {:.2} %", 100.0 * off);
+        assert!(off.abs() < MEAN, "{position}: {off}");
+        assert!(found.iter().all(|&value| value >= 0.0), "{position}");
+    }
+}
