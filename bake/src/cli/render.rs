@@ -11,8 +11,9 @@ use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
 use squall_formats::units::MillimetresPerHour;
-use squall_runtime::frame::{FrameReport, tone_of};
+use squall_runtime::frame::tone_of;
 use squall_runtime::picture::Picture;
+use squall_runtime::renderer::FrameReport;
 use squall_runtime::{Frame, RuntimeError, StormRenderer};
 use std::path::PathBuf;
 
