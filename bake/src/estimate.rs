@@ -2,7 +2,7 @@
 //! was measured once. Nothing is solved and no clock is asked, so that the same recipe is told the same on every machine.
 //!
 //! The number of sweeps that a light takes is the one thing that cannot be counted. It is taken from how far light diffuses in the
-//! grid, and that is what makes the figures right within a factor of three and no better. docs/pipeline.md has what was told and taken.
+//! grid, and that is what makes the figures right within a factor of two and no better. docs/pipeline.md has what was told and taken.
 
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
@@ -62,18 +62,18 @@ pub struct CloudWork {
 }
 
 /// Seconds that a cell of a sweep takes in one direction for sixteen lights, and for one.
-const SWEEP: [f64; 2] = [6.5e-9, 3e-9];
+const SWEEP: [f64; 2] = [20e-9, 5e-9];
 /// Seconds that a ray takes for a cell, and more where it is collected towards 26 directions.
-const RAY: [f64; 2] = [9e-9, 36e-9];
+const RAY: [f64; 2] = [6e-9, 27e-9];
 /// Seconds that coding takes for a coefficient.
-const CODE: f64 = 45e-9;
+const CODE: f64 = 20e-9;
 /// Seconds of fitting a picture of a streak, and of the tables of counts.
 const STREAK: f64 = 0.8;
 const DENSITY: f64 = 0.1;
 /// Beams that the two halves of the sky are made of.
 const BEAMS_OF_SKY: f64 = 36.0;
 /// Sweeps over what a diffusion length asks for.
-const SWEEPS: f64 = 0.5;
+const SWEEPS: f64 = 0.85;
 
 /// What baking `recipe` on this process's threads is likely to take.
 ///

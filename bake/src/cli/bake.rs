@@ -134,14 +134,18 @@ fn bake(args: &Args, recipe: &Recipe, file: &Path, bars: &Bars, report: &mut Rep
     let length = container::write(&mut std::io::sink(), &baked.sections)?;
     report.figures = figures(&baked.sections, &baked.provenance, length)?;
     let seconds = start.elapsed().as_secs_f64();
-    bars.say(&table::stages(&baked.stages, (&out.name(), length), seconds));
+    let table = table::stages(&baked.stages, (&out.name(), length), seconds);
+    // A build that goes on with what lies in the asset's place must not find there what was refused.
+    if let Err(over) = limits::check(&args.max_error, &report.figures, &out.name()) {
+        bars.say(&table);
+        return Err(over.into());
+    }
+    out.write(|out| container::write(out, &baked.sections).map(|_| ()))?;
+    bars.say(&table);
     if let Some(cache) = &cache {
         report.cached(cache, bars);
     }
     report.warn(recipe, bars);
-    // A build that goes on with what lies in the asset's place must not find there what was refused.
-    limits::check(&args.max_error, &report.figures, &out.name())?;
-    out.write(|out| container::write(out, &baked.sections).map(|_| ()))?;
     report.stages = baked.stages;
     let Some(preview) = preview else { return Ok(()) };
     // What was written need not be a file.

@@ -94,7 +94,7 @@ fn in_words(recipe: &Path, inputs: usize, foreseen: &Estimate) -> String {
     let _ = writeln!(
         text,
         "about {cpu_seconds:.1} s of processor time, {seconds:.1} s on {threads} threads; about {:.0} MB of memory\n\
-         (counted work at calibrated prices, not measured here: right within a factor of three)",
+         (counted work at calibrated prices, not measured here: right within a factor of two)",
         *memory_bytes as f64 / 1e6
     );
     text
