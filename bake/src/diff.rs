@@ -249,7 +249,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         strokes = grown_strokes(x.cloud(), x.bounds(), usable, spacing, 0..STROKES);
     }
     if strokes.is_empty() {
-        found.cannot(tag, "no stroke that both reach");
+        found.cannot(tag, "no stroke that both can relight");
         return Ok(());
     }
     let (mut each, mut tail, mut median) = (Vec::new(), 0.0f64, 0.0f64);

@@ -134,7 +134,8 @@ impl std::error::Error for RecipeError {}
 pub fn runtime_exit_code(error: &RuntimeError) -> u8 {
     match error {
         RuntimeError::Io { source, .. } => io_exit_code(source),
-        RuntimeError::Asset { .. } | RuntimeError::Argument { .. } => 3,
+        // An asset or an argument that was refused.
+        _ => 3,
     }
 }
 

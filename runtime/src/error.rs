@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 /// Why an asset could not be opened, or a call on it could not be answered.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RuntimeError {
     /// The file cannot be opened, mapped or read.
     #[error("{}: cannot read: {source}", path.display())]

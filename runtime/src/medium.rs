@@ -28,6 +28,7 @@ use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
 
 /// How the medium spreads light.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Phase {
     /// Henyey and Greenstein's function with this asymmetry.
     HenyeyGreenstein(f64),

@@ -52,7 +52,7 @@ fn sources() -> Sources {
     Sources { lights, distant: vec![DistantKind::UpperSky] }
 }
 
-/// Strokes of one to twenty lamps anywhere in the reach, some of them beyond all measure brighter than others.
+/// Strokes of one to twenty lights anywhere in the bounds, some of them beyond all measure brighter than others.
 fn strokes() -> Vec<Vec<PointLight>> {
     let mut random = Random::new(17);
     let stroke = |number: usize| {

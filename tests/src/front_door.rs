@@ -56,6 +56,32 @@ fn strokes_with_other_seeds_light_a_pruned_cloud_all_of_them() {
     assert!(pruned > 0, "some of the 24 leave what was baked");
 }
 
+/// Not a test of small assets: 24 strokes of the sample's, with other seeds.
+#[test]
+#[ignore = "minutes; wants SQUALL_SAMPLE, an asset baked from data/storm/storm.toml"]
+fn strokes_with_other_seeds_light_the_sample_storm_all_of_them() {
+    let Some(path) = std::env::var_os("SQUALL_SAMPLE") else {
+        println!("skipped: no SQUALL_SAMPLE");
+        return;
+    };
+    let asset = Asset::open(path).unwrap();
+    let renderer = StormRenderer::new(&asset).unwrap();
+    let mut clouds = Clouds::new(&asset).unwrap();
+    clouds.set_rays_per_point(64);
+    let mut cells = vec![[0.0; 4]; clouds.cloud().shape.len()];
+    let (mut lit, mut from_rows) = (0, 0);
+    for number in 0..8 {
+        for record in renderer.strokes() {
+            let stroke = Stroke::grow(&reseeded(record, number));
+            from_rows += usize::from(stroke.lights(0.0).iter().all(|light| clouds.is_lit(light.position)));
+            clouds.radiance(&[Flash::own(stroke)], DVec3::new(-1.5, 0.0, 2.4), &mut cells).unwrap();
+            lit += usize::from(cells.iter().any(|cell| cell[0] > 0.0));
+        }
+    }
+    println!("{lit} of 24 light the storm; {from_rows} from rows alone");
+    assert_eq!(lit, 24);
+}
+
 #[test]
 fn a_live_solve_is_the_light_that_rows_hold() {
     let mut clouds = Clouds::new(&asset(sections())).unwrap();
@@ -90,9 +116,17 @@ const ROUND_OFF: f32 = 1e-5;
 
 #[test]
 fn frames_of_a_flash_are_fresh_pictures_to_round_off_and_keep_their_strokes_light() {
-    let mut used = StormRenderer::new(asset(sections())).unwrap();
-    let strokes: Vec<Arc<Stroke>> =
-        used.strokes().iter().map(|record| used.stroke(&record.name).unwrap()).collect();
+    // One without a town, and one with.
+    for asset in [asset(sections()), Asset::open(crate::root().join("data/golden/v1/golden.squall")).unwrap()]
+    {
+        check_flash(&asset);
+    }
+}
+
+fn check_flash(asset: &Asset) {
+    let mut used = StormRenderer::new(asset).unwrap();
+    let names = used.strokes().iter().take(2).map(|record| &record.name);
+    let strokes: Vec<Arc<Stroke>> = names.map(|name| used.stroke(name).unwrap()).collect();
     let still = used.frame().unwrap().dark();
     for (number, brightness) in [1.0, 0.3, 2.0, 0.0, 0.7].into_iter().enumerate() {
         let mut frame = still.clone().time(Seconds(number as f64 * 0.03));
@@ -100,7 +134,7 @@ fn frames_of_a_flash_are_fresh_pictures_to_round_off_and_keep_their_strokes_ligh
             let flash = Flash::own(stroke.clone()).brightness(brightness * factor);
             frame = frame.flash(flash.colored([1.0, 1.0 + brightness as f32, 0.5]));
         }
-        let mut fresh = StormRenderer::new(asset(sections())).unwrap();
+        let mut fresh = StormRenderer::new(asset).unwrap();
         let wanted = fresh.render(&frame).unwrap();
         let found = used.render(&frame).unwrap();
         let most = wanted.pixels.iter().flatten().fold(0.0f32, |most, &v| most.max(v));

@@ -120,7 +120,7 @@ fn point(
     })
 }
 
-/// Strokes of the finest grid, with the points alone that all grids reach: every grid is compared by the same light.
+/// Strokes of the finest grid, with the points alone that all grids light: every grid is compared by the same light.
 fn common_strokes(
     site: &Site<'_>,
     spacing_m: f64,

@@ -29,7 +29,7 @@ pub struct Args {
     /// Form of the picture where its name does not tell; png if left out.
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// A view in place of the asset's own: a TOML file with [view] and the tables under it, as in a recipe.
+    /// A view in place of the asset's own: a TOML file with the table `view` and those under it, as in a recipe.
     #[arg(long)]
     scene: Option<PathBuf>,
     /// Rainfall intensity, mm/h.

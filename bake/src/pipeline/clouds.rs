@@ -164,7 +164,7 @@ impl Made {
             return Err(BakeError::NotReached {
                 what: "clouds.budget".into(),
                 wanted: "held-out strokes to confirm it".into(),
-                reached: "none that the virtual lights reach".into(),
+                reached: "none that the virtual lights cover".into(),
                 hint: "test_strokes above 0, or strokes in the recipe, would give some".into(),
             });
         }

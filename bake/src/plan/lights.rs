@@ -134,7 +134,7 @@ impl<'a> Site<'a> {
             return Err(BakeError::NotReached {
                 what: "clouds.budget".into(),
                 wanted: "a stroke to try settings on".into(),
-                reached: "none that the virtual lights reach".into(),
+                reached: "none that the virtual lights cover".into(),
                 hint: "strokes in the recipe, or larger bounds without prune, would give some".into(),
             });
         }

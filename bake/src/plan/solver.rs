@@ -173,7 +173,7 @@ impl<'a> SolverSearch<'a> {
                 return Err(BakeError::NotReached {
                     what: "clouds.budget.solver_l2".into(),
                     wanted: "held-out strokes to confirm the choice".into(),
-                    reached: "none that the virtual lights reach".into(),
+                    reached: "none that the virtual lights cover".into(),
                     hint: "strokes in the recipe, or larger bounds without prune, would give some".into(),
                 });
             }
