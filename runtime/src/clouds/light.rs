@@ -154,17 +154,22 @@ impl CloudLight {
                           towards that alone (bake without it, with channels \"harmonics-…\" or \"directions-26\")";
             return Err(RuntimeError::argument("fluence", wanted, "light towards a view region"));
         }
-        let (relit, known) = (self.relit(), self.relighter.known_cells());
-        let y0 = libm::sqrtf(4.0 * std::f32::consts::PI);
-        for (cell, value) in out.iter_mut().enumerate() {
-            let live = self.live.get(cell * MAX_HARMONICS).copied().unwrap_or_default() * y0;
-            // A codec's error may leave a dark cell below zero; fluence is not.
-            *value = (relit.fluence(cell).unwrap_or_default() + live).max(0.0);
-        }
         let relighter = &self.relighter;
-        let (cloud, scale) = (relighter.cloud(), relighter.extinction_scale());
-        add_direct_fluence(cloud, scale, &self.direct, self.settings(), out);
-        out.iter_mut().zip(known).filter(|(_, known)| !known).for_each(|(value, _)| *value = 0.0);
+        out.fill(0.0);
+        add_direct_fluence(
+            relighter.cloud(),
+            relighter.extinction_scale(),
+            &self.direct,
+            self.settings(),
+            out,
+        );
+        let known = relighter.known_cells();
+        for (cell, value) in out.iter_mut().enumerate() {
+            // A codec's error may leave a dark cell below zero; fluence is not. Cut off with the direct light there, it moves the
+            // mean least.
+            let whole = (*value + self.scattered_fluence(cell)).max(0.0);
+            *value = if known[cell] { whole } else { 0.0 };
+        }
         Ok(())
     }
 
