@@ -1,4 +1,4 @@
-//! How many streaks a camera sees: the density table, read. [weber] §3.1, corrected.
+//! How many streaks a camera sees: the density table, read. \[weber\] §3.1, corrected.
 
 use crate::error::RuntimeError;
 use crate::load::Asset;

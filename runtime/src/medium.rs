@@ -1,7 +1,7 @@
-//! The loss of visibility: rain too far or too fine for streaks, as a medium. [weber] §3.2, corrected.
+//! The loss of visibility: rain too far or too fine for streaks, as a medium. \[weber\] §3.2, corrected.
 //!
 //! L = L₀ F + L_in, F = e^{−τ}, L_in = J (1 − F). J = p(θ) E for a distant light of irradiance E (p
-//! normalised, [weber] eq. 12), plus the ambient radiance, which an albedo of 1 hands on as it is.
+//! normalised, \[weber\] eq. 12), plus the ambient radiance, which an albedo of 1 hands on as it is.
 //!
 //! Streaks and medium are the same drops. A streak's coverage is a drop's disc, so its expected optical depth is
 //! the extinction with Q = 1; beside drawn streaks the medium uses Q = 1 too and leaves out, class by class,
@@ -31,7 +31,7 @@ use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
 pub enum Phase {
     /// Henyey and Greenstein's function with this asymmetry.
     HenyeyGreenstein(f64),
-    /// The same as [weber] eq. 10 prints it, which loses light.
+    /// The same as \[weber\] eq. 10 prints it, which loses light.
     Paper(f64),
 }
 
@@ -104,7 +104,7 @@ impl Medium {
         }
     }
 
-    /// The paper's medium: [weber] eq. 9 for the extinction and eq. 10 as printed, with the reader's own g.
+    /// The paper's medium: \[weber\] eq. 9 for the extinction and eq. 10 as printed, with the reader's own g.
     pub fn paper(rate: MillimetresPerHour, g: f64) -> Self {
         Self { extinction: paper::extinction(rate).into(), phase: Phase::Paper(g), drawn: Vec::new() }
     }

@@ -15,7 +15,7 @@ pub fn henyey_greenstein(g: f64, cos_theta: f64) -> f64 {
 }
 
 /// The same as the rain paper prints it, with (1−g)² in place of 1−g²: integrates to (1−g)/(1+g), 0.053 at
-/// g = 0.9, and so loses most of the light. [weber] eq. 10; kept as the baseline that charts compare with.
+/// g = 0.9, and so loses most of the light. \[weber\] eq. 10; kept as the baseline that charts compare with.
 pub fn paper_henyey_greenstein(g: f64, cos_theta: f64) -> f64 {
     henyey_greenstein(g, cos_theta) * (1.0 - g) / (1.0 + g)
 }

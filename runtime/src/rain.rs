@@ -1,5 +1,5 @@
 //! Rain that stands in the world: drops that keep their place and name from frame to frame and from one
-//! camera to the next, found without being stored. Sparse convolution of [weber] §3.1, moved from the
+//! camera to the next, found without being stored. Sparse convolution of \[weber\] §3.1, moved from the
 //! screen into space.
 //!
 //! 1. Each class of drops has a frame that moves with it, by the wind and its own fall speed: in that frame
@@ -89,7 +89,7 @@ pub struct Shot<'a> {
 }
 
 impl<'a> Shot<'a> {
-    /// A camera at rest and the paper's streaks of 30 to 200 px. [weber] §4.3
+    /// A camera at rest and the paper's streaks of 30 to 200 px. \[weber\] §4.3
     pub fn new(camera: &'a Camera, exposure: Seconds) -> Self {
         Self { camera, velocity: DVec3::ZERO, exposure, min_px: 30.0, max_px: 200.0 }
     }

@@ -39,7 +39,7 @@ fn tame(value: f32) -> f32 {
     if value > 0.0 { value.min(BRIGHTEST) } else { 0.0 }
 }
 
-/// The sRGB transfer function: linear light in [0, 1] to a signal in [0, 1]. [srgb]
+/// The sRGB transfer function: linear light in [0, 1] to a signal in [0, 1]. \[srgb\]
 pub fn srgb_from_linear(linear: f32) -> f32 {
     if linear >= 1.0 {
         1.0

@@ -105,7 +105,7 @@ impl Scene {
         frame: &Frame,
         sky: &Sky,
         flashes: &[LitStroke],
-        (beyond, lit): (&(dyn Fn(&Ray) -> [f32; 3] + Sync), Option<MarchedCloud<'_>>),
+        (beyond, lit): (&Beyond<'_>, Option<MarchedCloud<'_>>),
         out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
@@ -194,7 +194,7 @@ impl Scene {
         &self,
         camera: &Camera,
         sky: &Sky,
-        beyond: &(dyn Fn(&Ray) -> [f32; 3] + Sync),
+        beyond: &Beyond<'_>,
         town: &TownFrame,
         picture: &mut Picture,
     ) {
@@ -228,6 +228,9 @@ impl Scene {
         picture.pixels.chunks_mut(width).enumerate().for_each(row);
     }
 }
+
+/// Radiance of sky and cloud along a ray, W/(m² sr).
+type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
 
 /// The cloud as one frame marches it.
 struct Clouds<'a> {

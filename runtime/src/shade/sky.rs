@@ -252,7 +252,7 @@ impl Sky {
 
     /// Irradiance on a surface of unit `normal` from the whole sphere (sky above, ground below), W/m².
     /// Nine harmonics, whose error for a cosine-weighted hemisphere of a dusk sky is a few per cent
-    /// [ramamoorthi]; a constant sky of radiance L gives π L exactly.
+    /// \[ramamoorthi\]; a constant sky of radiance L gives π L exactly.
     pub fn ambient_irradiance(&self, normal: Vec3) -> [f32; 3] {
         irradiance_from(&self.harmonics, normal)
     }

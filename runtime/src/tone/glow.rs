@@ -2,7 +2,7 @@
 //!
 //! Each level halves the picture with the weights [1 3 3 1]/8 along both axes and comes back doubled with
 //! [3 1]/4; the mixture over levels approximates the long tail of an atmospheric point spread at the cost of
-//! one third more pixels, as Kawase's repeated blur does [toyshop] §6.2. Both steps share light out without
+//! one third more pixels, as Kawase's repeated blur does \[toyshop\] §6.2. Both steps share light out without
 //! gain or loss, so the glow moves energy and makes none.
 
 use crate::picture::Picture;

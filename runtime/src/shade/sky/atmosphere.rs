@@ -1,5 +1,5 @@
 //! Clear air lit by the sun on a round Earth: single scattering exactly, higher orders as one isotropic term.
-//! [hillaire], with the densities and cross-sections of [bruneton]; our changes: the finite solar disc, which
+//! \[hillaire\], with the densities and cross-sections of \[bruneton\]; our changes: the finite solar disc, which
 //! makes the Earth's shadow soft, and bands where a camera's are instead of single wavelengths.
 //!
 //! | symbol | name            | unit |
@@ -23,17 +23,17 @@ const TOP: f64 = 100_000.0;
 const SUN_HALF_ANGLE: f64 = 0.004_65;
 
 /// Scattering of molecules at sea level, 1/m (1.24062e-6 λ⁻⁴, λ in µm, at 0.615, 0.535 and 0.465), and their scale
-/// height, m. [bruneton]
+/// height, m. \[bruneton\]
 const MOLECULES: Bands = [8.67e-6, 15.14e-6, 26.54e-6];
 const MOLECULES_HEIGHT: f64 = 8_000.0;
-/// Scattering and absorption of haze at sea level in clear weather, 1/m, and its scale height, m. [bruneton]
+/// Scattering and absorption of haze at sea level in clear weather, 1/m, and its scale height, m. \[bruneton\]
 const HAZE_SCATTERING: f64 = 3.996e-6;
 const HAZE_ABSORPTION: f64 = 0.444e-6;
 const HAZE_HEIGHT: f64 = 1_200.0;
 /// Mean cosine of haze scattering.
 const HAZE_ASYMMETRY: f64 = 0.8;
 /// Peak absorption of ozone, 1/m, at 25 km, falling linearly to zero 15 km above and below: the band means of
-/// [bruneton]'s cross-sections times 300 Dobson units.
+/// \[bruneton\]'s cross-sections times 300 Dobson units.
 const OZONE: Bands = [2.03e-6, 1.58e-6, 0.262e-6];
 
 const ALTITUDES: usize = 48;
@@ -186,7 +186,7 @@ impl Atmosphere {
     }
 
     /// All orders from the second on, taken as isotropic: a geometric series over the share that air passes
-    /// on to air. [hillaire] eq. 5–10.
+    /// on to air. \[hillaire\] eq. 5–10.
     fn integrate_echo(&self, altitude: f64, sun_cosine: f64) -> Bands {
         let sun = DVec3::new(libm::sqrt((1.0 - sun_cosine * sun_cosine).max(0.0)), 0.0, sun_cosine);
         let (mut second, mut passed_on) = ([0.0; 3], [0.0; 3]);

@@ -1,4 +1,4 @@
-//! A function on the sphere as nine numbers per channel: enough for what a sky sheds on matt surfaces. [ramamoorthi]
+//! A function on the sphere as nine numbers per channel: enough for what a sky sheds on matt surfaces. \[ramamoorthi\]
 
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
@@ -49,7 +49,7 @@ pub fn project(value: impl Fn(Vec3) -> [f32; 3]) -> Harmonics {
     sums.map(|sum| sum.map(|value| (value * solid_angle) as f32))
 }
 
-/// Irradiance on a surface of unit `normal`: each order weighted by the clamped cosine's own. [ramamoorthi]
+/// Irradiance on a surface of unit `normal`: each order weighted by the clamped cosine's own. \[ramamoorthi\]
 pub fn irradiance_from(coefficients: &Harmonics, normal: Vec3) -> [f32; 3] {
     use std::f32::consts::PI;
     const ORDERS: [f32; 9] = {

@@ -50,6 +50,9 @@ pub struct TownFrame {
     pub strokes: Vec<Vec<[f32; 3]>>,
 }
 
+/// A row's number, its pixels, and its strokes' light.
+type Row<'a, const N: usize> = (usize, (&'a mut [TownPixel], &'a mut [[[f32; 3]; N]]));
+
 /// Most strokes that are told apart in one picture.
 pub const MOST_STROKES: usize = 4;
 
@@ -96,7 +99,7 @@ impl Town {
         let (width, count) = (frame.width, frame.width * frame.height);
         frame.pixels.resize(count, SKY);
         let mut apart = vec![[[0.0f32; 3]; N]; count];
-        let row = |(y, (row, apart)): (usize, (&mut [TownPixel], &mut [[[f32; 3]; N]]))| {
+        let row = |(y, (row, apart)): Row<N>| {
             for (x, (pixel, apart)) in row.iter_mut().zip(apart).enumerate() {
                 (*pixel, *apart) = self.pixel(camera, lighting, quality, [x, y]);
             }

@@ -3,7 +3,7 @@
 //! The mirror is the water's exact Fresnel share of what tilted facets see. Broad things (sky, cloud, walls) are
 //! seen along a few stratified facet normals; points (street lamps, a flash's channel) have a closed form and so
 //! neither grain nor gaps. Near grazing, the facets' spread alone draws reflections out towards the viewer: the
-//! streaks of [toyshop] §6.3 without a blur pass.
+//! streaks of \[toyshop\] §6.3 without a blur pass.
 
 use super::ground::FILM_SLOPE;
 use super::{Hit, Surface, Town};
@@ -135,7 +135,7 @@ fn spread(k: u32, shift: Vec2) -> Vec2 {
     at - at.floor()
 }
 
-/// The value that a normal variable stays below with probability `share`, cut at ±2.9: polynomial of [giles],
+/// The value that a normal variable stays below with probability `share`, cut at ±2.9: polynomial of \[giles\],
 /// error below 1e-4.
 fn normal_quantile(share: f32) -> f32 {
     const POWERS: [f32; 9] = [
