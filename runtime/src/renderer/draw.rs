@@ -37,7 +37,7 @@ const MIRROR_SIZE: [usize; 2] = [400, 240];
 /// Beyond this distance the town's ground is as far as the air goes, m.
 const FARTHEST_GROUND_M: f32 = 4e4;
 
-/// Radiance of sky and cloud along a ray.
+/// Radiance of sky and cloud along a ray, W/(m² sr).
 type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
