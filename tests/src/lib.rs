@@ -81,3 +81,5 @@ mod transport;
 mod truth;
 #[cfg(test)]
 mod view_region;
+#[cfg(test)]
+mod wasm;
