@@ -4,7 +4,8 @@ use crate::layering::{cargo, rustc};
 use crate::{root, skip};
 use glam::DVec3;
 use serde_json::Value;
-use squall_runtime::{Asset, Clouds, PointLight};
+use squall_runtime::relight::PointLight;
+use squall_runtime::{Asset, Clouds};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

@@ -8,7 +8,8 @@
 pub mod exports;
 
 use squall_runtime::glam::DVec3;
-use squall_runtime::{Asset, Clouds, PointLight, RuntimeError};
+use squall_runtime::relight::PointLight;
+use squall_runtime::{Asset, Clouds, RuntimeError};
 
 /// Most bytes of an asset that a session takes: its bytes lie in memory twice while it opens, and wasm32 has 4 GiB in all.
 pub const LARGEST_ASSET: usize = 1 << 30;
