@@ -54,7 +54,7 @@ fn inspect_prints_json_with_the_promised_keys_and_what_the_file_holds() {
     let (code, out, error) = squall("inspect --json", &bytes);
     assert_eq!((code, error.as_str()), (0, ""));
     let json: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!(keys(&json), ["budgets", "bytes", "format_version", "recipe_hash", "sections"]);
+    assert_eq!(keys(&json), ["budgets", "bytes", "format_version", "light", "recipe_hash", "sections"]);
     assert_eq!((&json["format_version"], &json["bytes"]), (&1.into(), &bytes.len().into()));
     let recipe = std::fs::read(recipe()).unwrap();
     assert_eq!(json["recipe_hash"], blake3::hash(&recipe).to_hex().as_str());

@@ -1,5 +1,7 @@
 //! Every example runs on a small asset, and README's program is one of them.
 #![allow(dead_code)]
+// Each example brings the files that they share.
+#![allow(clippy::duplicate_mod)]
 
 #[path = "../examples/2_own_camera_own_stroke.rs"]
 mod camera_and_stroke;
