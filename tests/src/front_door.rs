@@ -77,6 +77,7 @@ fn strokes_with_other_seeds_light_the_sample_storm_all_of_them() {
             from_rows += usize::from(stroke.lights(0.0).iter().all(|light| clouds.is_lit(light.position)));
             clouds.radiance(&[Flash::own(stroke)], DVec3::new(-1.5, 0.0, 2.4), &mut cells).unwrap();
             lit += usize::from(cells.iter().any(|cell| cell[0] > 0.0));
+            println!("{} with another seed, round {number}: {lit} lit so far", record.name);
         }
     }
     println!("{lit} of 24 light the storm; {from_rows} from rows alone");
