@@ -2,6 +2,7 @@
 
 use crate::root;
 use serde_json::Value;
+use std::ffi::{OsStr, OsString};
 use std::process::Command;
 
 /// What the runtime needs at most, everything optional included.
@@ -42,9 +43,13 @@ pub fn cargo() -> Command {
     cargo
 }
 
-/// What rustc says to `arguments`.
-pub fn rustc(arguments: &[&str]) -> String {
-    let rustc = std::env::var_os("RUSTC").unwrap_or("rustc".into());
+/// The rustc that cargo uses here.
+pub fn usual_rustc() -> OsString {
+    std::env::var_os("RUSTC").unwrap_or("rustc".into())
+}
+
+/// What `rustc` says to `arguments`.
+pub fn rustc(rustc: &OsStr, arguments: &[&str]) -> String {
     let output = Command::new(rustc).args(arguments).current_dir(root()).output().unwrap();
     String::from_utf8(output.stdout).unwrap().trim().to_owned()
 }
@@ -124,7 +129,7 @@ fn a_runtime_that_only_reads_and_shades_is_built_without_the_solver() {
 
 #[test]
 fn every_dependency_may_ship_under_our_licences() {
-    let host = rustc(&["-vV"]);
+    let host = rustc(&usual_rustc(), &["-vV"]);
     let host = host.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
     let all = metadata(&["--filter-platform", host]);
     let used: Vec<&str> =

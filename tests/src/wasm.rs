@@ -1,6 +1,6 @@
 //! The runtime as a WebAssembly module: it builds without maps and threads, and Node gets the light that a native program gets.
 
-use crate::layering::{cargo, rustc};
+use crate::layering::{cargo, rustc, usual_rustc};
 use crate::{root, skip};
 use glam::DVec3;
 use serde_json::Value;
@@ -16,9 +16,13 @@ const TARGET: &str = "wasm32-unknown-unknown";
 /// in an order of its own. Other architectures may add four lanes in another order, which is single precision's round-off.
 const DIFFERENCE: f64 = if cfg!(target_arch = "x86_64") { 0.0 } else { 1e-5 };
 
+/// A compiler for wasm32 where the usual one cannot: what `.ci/wasm-target` prints.
+const COMPILER: &str = "SQUALL_WASM_RUSTC";
+
 /// The module, built in release; `None` (said aloud) without the target.
 fn module() -> Option<PathBuf> {
-    let library = rustc(&["--print", "target-libdir", "--target", TARGET]);
+    let compiler = std::env::var_os(COMPILER).unwrap_or_else(usual_rustc);
+    let library = rustc(&compiler, &["--print", "target-libdir", "--target", TARGET]);
     if library.is_empty() || !Path::new(&library).is_dir() {
         skip("SQUALL_REQUIRE_WASM", "no wasm32 target");
         return None;
@@ -29,20 +33,28 @@ fn module() -> Option<PathBuf> {
         .args(["build", "--release", "--locked", "--offline", "--quiet", "-p", "squall-wasm"])
         .args(["--target", TARGET, "--target-dir"])
         .arg(&folder)
+        .env("RUSTC", compiler)
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(folder.join(TARGET).join("release/squall_wasm.wasm"))
 }
 
-/// Node, which knows modules by the suffix `.mjs` and BigInts; `None` (said aloud) without it.
+/// Oldest Node that runs what rustc makes: older ones lack parts of WebAssembly that it takes for granted.
+const NODE: u32 = 18;
+
+/// Node; `None` (said aloud) without it.
 fn node() -> Option<PathBuf> {
     for name in ["node", "nodejs"] {
-        if Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success()) {
+        // It says "v18.20.4".
+        let Ok(output) = Command::new(name).arg("--version").output() else { continue };
+        let version = String::from_utf8_lossy(&output.stdout);
+        let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse().ok());
+        if major.is_some_and(|major: u32| major >= NODE) {
             return Some(name.into());
         }
     }
-    skip("SQUALL_REQUIRE_NODE", "no Node (Debian package nodejs)");
+    skip("SQUALL_REQUIRE_NODE", "no Node of version 18 or later (Debian package nodejs)");
     None
 }
 
