@@ -258,6 +258,8 @@ impl Clouds {
     /// grid long.
     pub fn fluence(&mut self, flashes: &[Flash], out: &mut [[f32; 3]]) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
+        // Asked before any light is solved for.
+        light::check_fluence(self.relighter.response().head.basis)?;
         out.fill([0.0; 3]);
         let mut own = vec![0.0; out.len()];
         for (flash, stroke) in flashes.iter().zip(self.strokes.find(flashes)?) {

@@ -172,31 +172,12 @@ impl Rain {
         shelter: Option<&dyn Shelter>,
         workspace: &'w mut Workspace,
     ) -> Result<&'w [Streak], RuntimeError> {
-        let view = shot.view()?;
-        self.check_weather(shot, weather)?;
         workspace.streaks.clear();
-        workspace.searches.clear();
-        if weather.rate.0 == 0.0 {
+        let radius = self.plan(shot, weather, &mut workspace.searches)?;
+        if workspace.searches.is_empty() {
             return Ok(&workspace.streaks);
         }
         let camera = shot.camera;
-        let (mut drops, mut cells, mut radius) = (0.0, 0.0, 0.0_f64);
-        for (index, class) in self.classes.iter().enumerate() {
-            let search = Search::new(self.seed, index, class, shot, weather)?;
-            let [work_drops, work_cells] = search.work(&view);
-            drops += work_drops;
-            cells += work_cells;
-            radius = radius.max(search.radius());
-            workspace.searches.push(search);
-        }
-        let allowed = (0.0..=self.most_drops).contains(&drops) && (0.0..=MOST_CELLS).contains(&cells);
-        if !allowed {
-            return Err(RuntimeError::argument(
-                "rain",
-                format!("a shot that searches at most {} drops and {MOST_CELLS} cells", self.most_drops),
-                format!("{drops:.3e} drops in {cells:.3e} cells; {}", self.nearest(shot, weather)),
-            ));
-        }
         let relative = |v: DVec3| DVec3::new(v.dot(camera.right), v.dot(camera.up), v.dot(camera.forward));
         let half = camera.half_extent();
         let focal = camera.pixels_per_metre();
@@ -231,6 +212,46 @@ impl Rain {
             streaks.extend_from_slice(&task.found);
         }
         Ok(streaks)
+    }
+
+    /// Refuses what [`Rain::find`] would refuse, and looks for nothing.
+    pub(crate) fn check(
+        &self,
+        shot: &Shot,
+        weather: &Weather,
+        workspace: &mut Workspace,
+    ) -> Result<(), RuntimeError> {
+        self.plan(shot, weather, &mut workspace.searches).map(|_| ())
+    }
+
+    /// The searches of a frame, one a class (none without rain); returns how far from the camera any of them looks, m.
+    ///
+    /// Errors: as [`Rain::find`].
+    fn plan(&self, shot: &Shot, weather: &Weather, searches: &mut Vec<Search>) -> Result<f64, RuntimeError> {
+        let view = shot.view()?;
+        self.check_weather(shot, weather)?;
+        searches.clear();
+        if weather.rate.0 == 0.0 {
+            return Ok(0.0);
+        }
+        let (mut drops, mut cells, mut radius) = (0.0, 0.0, 0.0_f64);
+        for (index, class) in self.classes.iter().enumerate() {
+            let search = Search::new(self.seed, index, class, shot, weather)?;
+            let [work_drops, work_cells] = search.work(&view);
+            drops += work_drops;
+            cells += work_cells;
+            radius = radius.max(search.radius());
+            searches.push(search);
+        }
+        let allowed = (0.0..=self.most_drops).contains(&drops) && (0.0..=MOST_CELLS).contains(&cells);
+        if allowed {
+            return Ok(radius);
+        }
+        Err(RuntimeError::argument(
+            "rain",
+            format!("a shot that searches at most {} drops and {MOST_CELLS} cells", self.most_drops),
+            format!("{drops:.3e} drops in {cells:.3e} cells; {}", self.nearest(shot, weather)),
+        ))
     }
 
     /// What would make a shot possible that asks for too much.

@@ -172,7 +172,7 @@ impl Relighter {
         }
         let [low, high] = [view_region.low_m, view_region.high_m].map(DVec3::from_array);
         let wanted =
-            format!("an eye between {low} and {high} m: the asset's cloud was baked for those alone");
+            format!("a viewpoint between {low} and {high} m: the asset's cloud was baked for those alone");
         let found = position.map_or("an orthographic camera".into(), |position| position.to_string());
         Err(RuntimeError::argument("camera position", wanted, found))
     }

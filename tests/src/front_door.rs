@@ -9,7 +9,8 @@ use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
 use squall_bake::recipe::Recipe;
 use squall_formats::section::bolt::StrokeRecord;
-use squall_formats::units::Seconds;
+use squall_formats::section::density::DensitySection;
+use squall_formats::units::{MillimetresPerHour, Seconds};
 use squall_runtime::clouds::{CloudLight, Viewer};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::direct::Light;
@@ -84,6 +85,9 @@ fn strokes_with_other_seeds_light_the_sample_storm_all_of_them() {
     assert_eq!(lit, 24);
 }
 
+/// A metre in some hundred, and the codec.
+const NEARLY: f64 = 0.1;
+
 #[test]
 fn a_live_solve_is_the_light_that_rows_hold() {
     let mut clouds = Clouds::new(&asset(sections())).unwrap();
@@ -91,10 +95,11 @@ fn a_live_solve_is_the_light_that_rows_hold() {
     let lit = inside.lights(0.0);
     let rows = clouds.light(&lit).unwrap();
     assert_eq!((rows.lights_outside(), rows.live_report()), (0, None));
-    // The nearest places that no row answers for: light there is nearly the same light.
-    let [low, _] = clouds.bounds();
-    let outside = PointLight { position: low - DVec3::splat(1.0), intensity: 1e6 };
-    let edge = PointLight { position: clouds.nearest_lit(low).unwrap(), intensity: 1e6 };
+    // A metre past the edge of what rows answer for: light there is nearly the same light.
+    let far = clouds.bounds()[0] - DVec3::splat(1e3);
+    let edge = clouds.nearest_lit(far).unwrap();
+    let past = edge + (far - edge).normalize();
+    let [outside, edge] = [past, edge].map(|position| PointLight { position, intensity: 1e6 });
     let live = clouds.light(&[outside]).unwrap();
     assert_eq!(live.lights_outside(), 1);
     let solved = live.live_report().unwrap();
@@ -104,13 +109,10 @@ fn a_live_solve_is_the_light_that_rows_hold() {
         light.radiance(DVec3::new(0.0, 0.0, 2.0), &mut j).unwrap();
         j.iter().map(|&v| f64::from(v)).sum()
     };
-    if clouds.nearest_lit(low).unwrap().distance(low) < 1.0 {
-        let rows = clouds.light(&[edge]).unwrap();
-        /// A metre in some hundred, and the codec.
-        const NEARLY: f64 = 0.1;
-        assert!((sum(&live) / sum(&rows) - 1.0).abs() < NEARLY);
-    }
-    assert!(sum(&live) > 0.0);
+    let rows = clouds.light(&[edge]).unwrap();
+    assert_eq!(rows.lights_outside(), 0);
+    let off = sum(&live) / sum(&rows) - 1.0;
+    assert!(off.abs() < NEARLY, "{off}");
 }
 
 /// Single precision sums of a few thousand terms, relative to a picture's brightest pixel.
@@ -185,6 +187,27 @@ fn an_asset_baked_for_a_view_region_says_why_it_has_no_fluence() {
     assert!(error.contains("view region"), "{error}");
     let error = light.radiance(DVec3::splat(1e6), &mut cells).unwrap_err().to_string();
     assert!(error.contains("camera position"), "{error}");
+    // Even of no stroke at all: it is refused before light is worked out.
+    let error = clouds.fluence(&[], &mut vec![[0.0; 3]; cells.len()]).unwrap_err().to_string();
+    assert!(error.contains("view region"), "{error}");
+}
+
+#[test]
+fn rain_that_cannot_be_drawn_is_refused_before_anything_is() {
+    let golden = Asset::open(crate::root().join("data/golden/v1/golden.squall")).unwrap();
+    let without_rain: Vec<_> =
+        sections().iter().filter(|section| section.tag != DensitySection::TAG).cloned().collect();
+    for (asset, words) in [(asset(&without_rain), "no rain"), (golden, "raise the shortest of streak_px")] {
+        let mut renderer = StormRenderer::new(asset).unwrap();
+        // Streaks down to two pixels in a long exposure: hundreds of millions of drops.
+        let mut frame = renderer.frame().unwrap().rain(MillimetresPerHour(50.0)).exposure(Seconds(0.04));
+        frame.streaks.length_px = [2.0, 200.0];
+        frame.camera = frame.camera.resized([640, 360]).unwrap();
+        let error = renderer.render(&frame).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+        let size = [renderer.picture().width, renderer.picture().height];
+        assert_eq!(size, [1, 1], "nothing was drawn");
+    }
 }
 
 const LAMPS: [[f64; 3]; 3] = [[210.0, -130.0, -150.0], [-175.0, 225.0, -5.0], [-175.0, 225.0, 75.0]];

@@ -97,7 +97,7 @@ pub(super) struct JobCache<'a> {
     cache: &'a ResponseCache,
     /// Hash of what all lights of the job have in common.
     common: blake3::Hasher,
-    channels: DirectionalBasis,
+    basis: DirectionalBasis,
     /// Which cells are read; all where `None`.
     seen: Option<Vec<bool>>,
     cells: usize,
@@ -109,14 +109,14 @@ impl<'a> JobCache<'a> {
         let cache = job.cache.filter(|_| job.settings.solve.iteration == Iteration::Minres)?;
         let common = common_hash(job);
         let (seen, cells) = (seen.map(<[bool]>::to_vec), job.cloud.shape.len());
-        Some(Self { cache, common, channels: job.settings.basis, seen, cells })
+        Some(Self { cache, common, basis: job.settings.basis, seen, cells })
     }
 
     /// Name of a row.
     fn row_key(&self, lights: &[Light], in_rows: bool) -> Key {
         let mut hasher = self.common.clone();
         hasher.update(b"row");
-        hasher.update(&basis_bytes(self.channels));
+        hasher.update(&basis_bytes(self.basis));
         hasher.update(&[u8::from(in_rows)]);
         for light in lights {
             let (kind, place, strength) = match *light {
@@ -133,7 +133,7 @@ impl<'a> JobCache<'a> {
 
     /// A row that was kept, its planes one grid long with zeros in hidden cells, which are filled anew.
     pub(super) fn row(&self, lights: &[Light], in_rows: bool) -> Option<KeptRow> {
-        let values = self.channels.count() * self.read_cells();
+        let values = self.basis.count() * self.read_cells();
         let blob = self.cache.store.get(&self.row_key(lights, in_rows), 12 + 4 * (MOST_STARTS + values))?;
         let mut row = decode(&blob, values)?;
         row.values = self.spread(&row.values, 1);

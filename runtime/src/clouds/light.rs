@@ -141,11 +141,7 @@ impl CloudLight {
     /// Errors: an asset baked for a view region, whose rows hold light towards that alone; `out` is not one grid long.
     pub fn fluence(&self, out: &mut [f32]) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
-        if let DirectionalBasis::ViewRegion { .. } = self.basis {
-            let wanted = "an asset with light in all directions: this one was baked for a view region, and its rows hold light \
-                          towards that alone (bake without it, with channels \"harmonics-…\" or \"directions-26\")";
-            return Err(RuntimeError::argument("fluence", wanted, "light towards a view region"));
-        }
+        check_fluence(self.basis)?;
         let lit = self.in_scattered();
         let relighter = &self.relighter;
         out.fill(0.0);
@@ -196,6 +192,14 @@ impl CloudLight {
     pub fn in_scattered(&self) -> InScattered<'_> {
         InScattered { rows: self.relit(), live: &self.live, direct: &[] }
     }
+}
+
+/// Refuses fluence of rows that do not hold it.
+pub(super) fn check_fluence(basis: DirectionalBasis) -> Result<(), RuntimeError> {
+    let DirectionalBasis::ViewRegion { .. } = basis else { return Ok(()) };
+    let wanted = "an asset with light in all directions: this one was baked for a view region, and its rows hold light \
+                  towards that alone (bake without it, with basis \"harmonics-…\" or \"directions-26\")";
+    Err(RuntimeError::argument("fluence", wanted, "light towards a view region"))
 }
 
 /// J of relit coefficients in each cell's own direction to the viewer.

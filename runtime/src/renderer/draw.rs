@@ -43,6 +43,7 @@ type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
     pub(super) fn draw(&self, frame: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
+        rain::check(self.rain.as_ref(), frame, &mut memory.rain)?;
         let sky = match memory.sky.take() {
             Some((known, sky)) if known == frame.sky => sky,
             _ => Sky::new(&frame.sky)?,
@@ -144,11 +145,6 @@ impl Scene {
         let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());
         let channels = channel::Channels { flashes, camera, sky, cloud, town };
         let Some(section) = &self.rain else {
-            let rate = frame.weather.rate.0;
-            if rate > 0.0 {
-                let (field, wanted) = ("rain.rate_mm_per_h", "0: this asset has no rain");
-                return Err(RuntimeError::argument(field, wanted, format!("{rate} mm/h")));
-            }
             channels.draw(&|_| 1.0, &mut memory.picture);
             return Ok(());
         };

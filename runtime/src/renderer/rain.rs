@@ -10,7 +10,7 @@ use crate::frame::Frame;
 use crate::medium::{Illumination, Medium, Outlook};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
-use crate::rain::{Rain, RainLight, RainVolume, Scene, Shot, SmoothWindow, Surroundings};
+use crate::rain::{Rain, RainLight, RainVolume, Scene, Shot, SmoothWindow, Surroundings, Workspace};
 use crate::shade::streak::StreakSet;
 use glam::DVec3;
 use squall_formats::drops::Optics;
@@ -76,9 +76,28 @@ impl RainMedium {
     }
 }
 
-fn shot_of<'a>(task: &Task<'a>) -> Shot<'a> {
-    let [min_px, max_px] = task.frame.streaks.length_px;
-    Shot { min_px, max_px, ..Shot::new(&task.frame.camera, task.frame.exposure) }
+fn shot_of(frame: &Frame) -> Shot<'_> {
+    let [min_px, max_px] = frame.streaks.length_px;
+    Shot { min_px, max_px, ..Shot::new(&frame.camera, frame.exposure) }
+}
+
+/// Refuses rain that cannot be drawn, before anything is.
+///
+/// Errors: rain where the asset has none; as [`Rain::find`].
+pub fn check(
+    section: Option<&DensitySection>,
+    frame: &Frame,
+    workspace: &mut Workspace,
+) -> Result<(), RuntimeError> {
+    let rate = frame.weather.rate.0;
+    if rate == 0.0 {
+        return Ok(());
+    }
+    let Some(section) = section else {
+        let (field, wanted) = ("rain.rate_mm_per_h", "0: this asset has no rain");
+        return Err(RuntimeError::argument(field, wanted, format!("{rate} mm/h")));
+    };
+    Rain::new(section, frame.streaks.seed).check(&shot_of(frame), &frame.weather, workspace)
 }
 
 fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>, RuntimeError> {
@@ -107,7 +126,7 @@ pub fn medium(task: &Task<'_>, memory: &mut Memory) -> Result<RainMedium, Runtim
         memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
-    let medium = Medium::beside_streaks(task.section, &shot_of(task), weather.rate)?;
+    let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), weather.rate)?;
     let outlook = Outlook { camera, volume, light: Illumination { irradiance, direction, ambient }, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
@@ -120,7 +139,7 @@ pub fn streaks(task: &Task<'_>, medium: &RainMedium, memory: &mut Memory) -> Res
     if medium.medium.is_none() {
         return Ok(0);
     }
-    let (shot, gain) = (shot_of(task), task.frame.streaks.gain);
+    let (shot, gain) = (shot_of(task.frame), task.frame.streaks.gain);
     let found = task.rain.find(&shot, &task.frame.weather, None, &mut memory.rain)?.len();
     let (depth, light) = (Some(depth_of(&memory.metres, &memory.picture)?), &medium.light);
     if task.patterns.is_empty() {
