@@ -3,6 +3,7 @@ use super::json;
 use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::provenance::tool;
+use squall_formats::ReadError;
 use squall_runtime::{RuntimeError, verify};
 use std::path::PathBuf;
 
@@ -67,9 +68,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     super::table::print(&line)
 }
 
+/// A section that another one needs is missing from a whole file: damage, however well each section reads.
 fn evaluate(error: RuntimeError) -> BakeError {
     match &error {
-        RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Damaged(error),
+        RuntimeError::Asset { source, .. }
+            if source.is_damage() || matches!(source, ReadError::Missing { .. }) =>
+        {
+            BakeError::Damaged(error)
+        }
         _ => BakeError::Asset(error),
     }
 }
