@@ -1,7 +1,7 @@
 //! Which Haar coefficients of a source survive, and how they are written. \[dobashi\] §6.
 //!
 //! The threshold ξ is no number for the user to guess: it follows from how far a source's light may be off, relative to
-//! its own norm over cells and channels. One threshold serves all channels of a source, because a coefficient left out costs
+//! its own norm over cells and coefficients. One threshold serves all planes of a source, because a coefficient left out costs
 //! its square wherever it stands. Precision narrows here and nowhere before.
 
 use squall_formats::section::response::{Codec, CoefficientBound, StreamWriter};
@@ -14,7 +14,7 @@ const STEP_PER_THRESHOLD: f32 = 0.75;
 pub struct CompressedRow {
     /// As it lies in section `CLRT`.
     pub bytes: Vec<u8>,
-    /// One bound a channel.
+    /// One bound a plane.
     pub bounds: Vec<CoefficientBound>,
     /// Coefficients kept, means not counted.
     pub kept: usize,
@@ -34,18 +34,13 @@ fn lower_edge(bin: usize) -> f32 {
     f32::from_bits((bin as u32) << BIN_SHIFT)
 }
 
-/// Compresses the channels of one source so that the root of all squared errors stays at or below `relative_error` times the
+/// Compresses the planes of one source so that the root of all squared errors stays at or below `relative_error` times the
 /// root of all squared values.
 ///
-/// `coefficients` holds `channels` planes from [`squall_formats::haar::Haar::forward`]. With codec `Paper` nothing is quantised.
+/// `coefficients` holds `planes` planes from [`squall_formats::haar::Haar::forward`]. With codec `Paper` nothing is quantised.
 /// `relative_error` 0 keeps every coefficient that is not zero.
-pub fn compress_row(
-    coefficients: &[f32],
-    channels: usize,
-    codec: Codec,
-    relative_error: f64,
-) -> CompressedRow {
-    let cells = coefficients.len() / channels;
+pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_error: f64) -> CompressedRow {
+    let cells = coefficients.len() / planes;
     let mut energy = vec![0.0f64; BINS];
     let mut count = vec![0usize; BINS];
     let mut total = 0.0;
@@ -95,7 +90,7 @@ fn square(value: f32) -> f64 {
     f64::from(value) * f64::from(value)
 }
 
-/// Writes all channels with threshold ξ: coefficients of magnitude ξ and above are kept.
+/// Writes all planes with threshold ξ: coefficients of magnitude ξ and above are kept.
 fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -> CompressedRow {
     // A threshold of 0 keeps all that is not zero; the step then has to be something else.
     let step = if codec == Codec::Bytes { threshold * STEP_PER_THRESHOLD } else { 0.0 };
@@ -155,10 +150,10 @@ mod tests {
 
     fn decode(row: &CompressedRow, count: usize, cells: usize, codec: Codec) -> Vec<f32> {
         let mut out = vec![0.0; count * cells];
-        for (channel, plane) in
+        for (coded, plane) in
             coefficient_planes(&row.bytes, count).unwrap().iter().zip(out.chunks_exact_mut(cells))
         {
-            accumulate(channel, codec, 1.0, plane).unwrap();
+            accumulate(coded, codec, 1.0, plane).unwrap();
         }
         out
     }

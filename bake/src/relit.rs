@@ -73,7 +73,7 @@ pub struct RelitReport {
     /// Weights, sum over rows and inverse transforms, ms. The first time rows are read, checksums included.
     pub relight_ms: f64,
     /// Bound of the relit planes' distance from the uncompressed rows, Σ e_l (γ_l + q_l), as an L2 norm over cells and
-    /// channels relative to the planes' own.
+    /// coefficients relative to the planes' own.
     pub error_bound: f64,
     /// Sweeps and residual of the live solve, and its seconds.
     pub live: Option<LiveReport>,

@@ -164,7 +164,7 @@ fn add_rays<T: Tally>(
     map_chunks(lights, POINTS_PER_PIECE, piece, add);
 }
 
-/// A rotation uniform over all rotations (Shoemake 1992).
+/// A rotation uniform over all rotations \[shoemake\].
 fn random_turn(seed: u64, number: u64) -> DQuat {
     let mut random = Random::from_parts(&[seed, number]);
     let (a, b, c) = (random.unit(), random.unit(), random.unit());

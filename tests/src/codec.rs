@@ -181,7 +181,7 @@ fn without_a_threshold_nothing_is_lost() {
 }
 
 #[test]
-fn with_all_light_as_the_budget_every_channel_is_left_at_its_mean() {
+fn with_all_light_as_the_budget_every_plane_is_left_at_its_mean() {
     for codec in [Codec::Paper, Codec::Bytes] {
         let case = Case { codec, basis: HARMONICS, direct: DirectTerm::AtRunTime, error: 1.0 };
         let Baked { asset, response } = bake(case);

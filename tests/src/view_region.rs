@@ -82,7 +82,7 @@ fn three_coefficients_towards_a_view_region_are_as_good_there_as_sixteen_harmoni
  {
     /// What a polynomial of degree 1 may add to the error that lamps' distance makes, both as L2.
     const ADDED: f64 = 0.01;
-    /// Three channels of sixteen are 5.3 times fewer.
+    /// Three coefficients of sixteen are 5.3 times fewer.
     const FEWER: u64 = 5;
     /// Share of this small cloud's cells that its front leaves in sight, three rounds beside what is traced taken in: 0.96.
     const HIDDEN: f64 = 0.97;

@@ -2,7 +2,7 @@
 //! gives the same asset on a busy machine and on an idle one.
 //!
 //! Two things take the time: adding the coefficients of the rows that the stroke touches, which goes with their number, and
-//! transforming every channel back, which goes with cells times channels. What a picture does with the light is not in it: light
+//! transforming every plane back, which goes with cells times coefficients. What a picture does with the light is not in it: light
 //! straight from the stroke, reading towards the viewer, following rays. The prices are those of one core at some 3 GHz; `cargo
 //! bench -p squall-bake --bench relight` prints the count beside the clock of the machine at hand.
 
@@ -15,7 +15,7 @@ use squall_runtime::stroke::Stroke;
 
 /// Adding a coefficient of a row, a scattered addition.
 const NS_PER_COEFFICIENT: f64 = 3.2;
-/// Clearing and transforming a cell of a channel.
+/// Clearing and transforming a cell of a plane.
 const NS_PER_CELL: f64 = 3.0;
 
 /// Bytes that a coefficient takes, nearly: a pair of gap and value, or of index and value.

@@ -215,8 +215,8 @@ impl<'a> RowSolver<'a> {
             }
         };
         for (cell, values) in values.chunks_exact(stride).enumerate() {
-            for channel in 0..count {
-                planes[channel * cells + cell] = values[channel];
+            for plane in 0..count {
+                planes[plane * cells + cell] = values[plane];
             }
         }
         if in_rows {

@@ -11,8 +11,8 @@ pub fn add_direct(basis: DirectionalBasis, towards: &[f32], factor: f32, planes:
     for (cell, values) in towards.chunks_exact(26).enumerate() {
         match basis {
             DirectionalBasis::Directions26 => {
-                for (channel, value) in values.iter().enumerate() {
-                    planes[channel * cells + cell] += factor * value;
+                for (plane, value) in values.iter().enumerate() {
+                    planes[plane * cells + cell] += factor * value;
                 }
             }
             DirectionalBasis::ViewRegion { .. } => {}
@@ -20,9 +20,8 @@ pub fn add_direct(basis: DirectionalBasis, towards: &[f32], factor: f32, planes:
                 for (d, value) in values.iter().enumerate() {
                     let harmonics = sphere::harmonics(directions[d]);
                     let weight = 4.0 * std::f64::consts::PI * weights[d];
-                    for channel in 0..basis.count() {
-                        planes[channel * cells + cell] +=
-                            factor * ((weight * harmonics[channel]) as f32 * value);
+                    for plane in 0..basis.count() {
+                        planes[plane * cells + cell] += factor * ((weight * harmonics[plane]) as f32 * value);
                     }
                 }
             }

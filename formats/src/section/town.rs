@@ -25,7 +25,7 @@ pub struct TownSection {
 /// Material of the ground.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ground {
-    /// Share of light that dry open ground reflects, per channel, in [0, 1].
+    /// Share of light that dry open ground reflects, per colour, in [0, 1].
     pub albedo: [f32; 3],
     /// Share of the ground under a film of water, in [0, 1].
     pub wetness: f32,
@@ -50,7 +50,7 @@ pub struct Road {
     pub to: [f32; 2],
     /// Half the width, m.
     pub half_width: f32,
-    /// Share of light that the dry surface reflects, per channel, in [0, 1].
+    /// Share of light that the dry surface reflects, per colour, in [0, 1].
     pub albedo: [f32; 3],
 }
 
@@ -67,7 +67,7 @@ pub struct Block {
     pub height: f32,
     /// Turn of the box's own x axis from the world's towards y, rad.
     pub yaw: f32,
-    /// Share of light that the walls reflect, per channel, in [0, 1].
+    /// Share of light that the walls reflect, per colour, in [0, 1].
     pub albedo: [f32; 3],
     /// Windows in the four walls.
     pub windows: Option<Windows>,
@@ -82,7 +82,7 @@ pub struct Windows {
     pub glass: f32,
     /// Share of windows that are lit, in [0, 1].
     pub lit: f32,
-    /// Mean radiance of a lit window per channel, W/(m² sr).
+    /// Mean radiance of a lit window per colour, W/(m² sr).
     pub radiance: [f32; 3],
     /// Seed.
     pub seed: u32,
@@ -93,7 +93,7 @@ pub struct Windows {
 pub struct StreetLamp {
     /// Where, m.
     pub position: [f32; 3],
-    /// Radiant intensity per channel, W/sr.
+    /// Radiant intensity per colour, W/sr.
     pub intensity: [f32; 3],
 }
 

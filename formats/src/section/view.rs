@@ -78,9 +78,9 @@ pub struct ViewSky {
     pub overcast: f64,
     /// Thin streaky cloud, 0 none to 1 dense haze.
     pub high_cloud: f64,
-    /// Irradiance of the sun outside the air, W/m² per channel.
+    /// Irradiance of the sun outside the air, W/m² per colour.
     pub sun_irradiance_w_per_m2: [f64; 3],
-    /// Factor per channel on everything that the sky sends.
+    /// Factor per colour on everything that the sky sends.
     pub tint: [f64; 3],
     /// Share of light that the ground at large reflects.
     pub ground_albedo: f64,

@@ -22,7 +22,7 @@ pub enum Quadrature {
     /// Lebedev's set of 50 directions, degree 11.
     Lebedev50,
     /// Gauss–Legendre on each half range of the vertical cosine times an even ring of azimuths: fluxes through
-    /// horizontal planes, which Lebedev sets miss by some per cent, come out right.
+    /// horizontal planes, which Lebedev sets miss by some per cent, come out right. \[lathrop-carlson\]
     DoubleGauss {
         /// Polar nodes in each hemisphere, 1 to 8.
         polar: u8,

@@ -350,7 +350,7 @@ fn narrow_phase_functions_keep_their_digits_at_the_peak() {
 }
 
 #[test]
-fn a_cloud_of_one_cell_keeps_its_books_for_any_depth_and_any_place_of_the_lamp() {
+fn a_cloud_of_one_cell_keeps_its_energy_for_any_depth_and_any_place_of_the_lamp() {
     let half = 0.5;
     // Seen from straight below its middle, a square of half edge a fills 4 atan(a² / (d √(2a² + d²))).
     let square = |d: f64| 4.0 * libm::atan(half * half / (d * (2.0 * half * half + d * d).sqrt()));

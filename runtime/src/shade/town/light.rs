@@ -44,7 +44,7 @@ pub struct StrokeLights {
 /// Light of everything else, and of up to `N` strokes apart: all of it goes the same way, and each part scales with its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parts<const N: usize> {
-    /// Everything else, per channel.
+    /// Everything else, per colour.
     pub base: [f32; 3],
     /// Each stroke's, per channel.
     pub strokes: [[f32; 3]; N],

@@ -1,4 +1,4 @@
-//! MINRES: of all combinations of the sweeps so far that with the smallest residual (Paige and Saunders 1975).
+//! MINRES: of all combinations of the sweeps so far that with the smallest residual \[paige-saunders\].
 
 use super::passes::Sums;
 use super::{SolveBuffers, Solver};
