@@ -58,7 +58,7 @@ const SUB_CELL_DEPTH: f64 = 0.3;
 /// Deepest solve cell, after delta scaling and along its SHORTEST edge, that automatic refinement puts up with: the light that
 /// a deep slab without absorption lets through is then half too much (docs/stability.md), and more beyond.
 const DEEPEST_SUB_CELL: f64 = 2.0;
-/// Share of the light that may be missing from a solve's books, or be too much in them, beside ten times its tolerance.
+/// Share of the light that may be missing from a solve's energy balance, or be too much in it, beside ten times its tolerance.
 const BALANCE: f64 = 0.01;
 /// Least automatic refinement: at 1 a lamp's brightest light is averaged over its cell, and at 2 a lamp in the middle of a cell
 /// stands on the corner of eight sub-cells, which is no better.

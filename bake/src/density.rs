@@ -1,4 +1,4 @@
-//! Density tables: streaks per class of drops for every rate and camera, [weber] eq. 5 corrected.
+//! Density tables: streaks per class of drops for every rate and camera, \[weber\] eq. 5 corrected.
 //!
 //! `solve_counts` is the slow truth: quadrature over the diameters of a class, each with its own distances
 //! and frustum volume. The table's moments replace that; its number of rate nodes is picked by the error that is
@@ -47,7 +47,7 @@ const PROBES: usize = 8;
 /// Counts of one class of `mode` by direct quadrature, one per class in `classes`: ∫ V(L(D, T)) N(D, R) dD
 /// with V the volume between the distances at which a streak of D has `max_px` and `min_px` pixels.
 ///
-/// Error: round-off; [`GAUSS_POINTS`] points for each of four pieces of a class. Errors: an impossible view or rate.
+/// Error: round-off; `GAUSS_POINTS` points for each of four pieces of a class. Errors: an impossible view or rate.
 pub fn solve_counts(
     mode: Mode,
     classes: &[[Millimetres; 2]],

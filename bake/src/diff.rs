@@ -204,7 +204,7 @@ fn compare_grids(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), Bak
         found.cannot(CloudSection::TAG, format!("{:?} beside {:?}", x.head.shape, r.head.shape));
         return Ok(());
     }
-    let l2 = relative_l2(&x.extinction, &r.extinction);
+    let l2 = relative_l2(x.extinction, r.extinction);
     found.measured(CloudSection::TAG, "extinction, relative L2", l2);
     if x.head != r.head {
         found.cannot(CloudSection::TAG, format!("other optics or place: {:?} beside {:?}", x.head, r.head));
@@ -249,7 +249,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         strokes = grown_strokes(x.cloud(), x.bounds(), usable, spacing, 0..STROKES);
     }
     if strokes.is_empty() {
-        found.cannot(tag, "no stroke that both reach");
+        found.cannot(tag, "no stroke that both can relight");
         return Ok(());
     }
     let (mut each, mut tail, mut median) = (Vec::new(), 0.0f64, 0.0f64);

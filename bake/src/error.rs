@@ -49,6 +49,14 @@ pub enum BakeError {
         /// What would help.
         hint: String,
     },
+    /// Measured figures above what was allowed, or not measured.
+    #[error("{asset}: {}", found.join("; "))]
+    OverLimit {
+        /// What the asset is called.
+        asset: String,
+        /// Each figure with its bound, in words.
+        found: Vec<String>,
+    },
     /// A setting of a computation that is out of range, named as the recipe names it.
     #[error("{field}: wanted {wanted}, found {found}")]
     Setting {
@@ -155,7 +163,11 @@ impl BakeError {
     /// Exit code of the command for this error: 1 a check failed, 3 bad input, 4 the system, 130 interrupted.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Damaged(_) | Self::Different { .. } | Self::NoPicture | Self::NotReached { .. } => 1,
+            Self::Damaged(_)
+            | Self::Different { .. }
+            | Self::NoPicture
+            | Self::NotReached { .. }
+            | Self::OverLimit { .. } => 1,
             Self::Input { .. } | Self::Recipe(_) | Self::Setting { .. } => 3,
             Self::Asset(error) => runtime_exit_code(error),
             Self::Io { source, .. } => io_exit_code(source),

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();
+    let json = cli.json();
     match cli::interrupt::install().and_then(|()| cli::run(cli)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -17,7 +18,12 @@ fn main() -> ExitCode {
             match error.downcast_ref() {
                 Some(BakeError::Interrupted) => cli::interrupt::say(pending::note()),
                 // Nobody may be left to read it.
-                _ => _ = writeln!(std::io::stderr(), "squall: {}", cli::words(&error)),
+                _ => {
+                    let _ = writeln!(std::io::stderr(), "squall: {}", cli::words(&error));
+                    if let Some(command) = json {
+                        cli::json::failure(command, &error);
+                    }
+                }
             }
             ExitCode::from(cli::exit_code(&error))
         }

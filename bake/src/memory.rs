@@ -154,7 +154,7 @@ pub fn cells_of(scene: &Path) -> Option<u64> {
     let file: serde_json::Value = crate::input::read_json(scene, "a scene (SCENE.json)").ok()?;
     let counts = file.get("dims_xyz")?.as_array()?;
     let cells = counts.iter().try_fold(1u64, |cells, count| cells.checked_mul(count.as_u64()?))?;
-    (cells <= squall_formats::Limits::default().cells as u64).then_some(cells)
+    (cells <= squall_formats::Limits::default().cells).then_some(cells)
 }
 
 /// How much memory the work may take.

@@ -3,7 +3,7 @@
 //! A second truth beside the sweep (`cloud.rs`), which shares the scene and the form of its results with it and nothing else:
 //! exact paths in place of a swept grid, directions drawn from the phase function itself in place of moments and delta
 //! scaling, pictures from scatterings in place of marched rays. What is wrong here is chance alone, and the standard errors
-//! say how much. Weights instead of absorption, [lux-koblinger]; flights and photons in `photon.rs`, pictures in `image.rs`.
+//! say how much. Weights instead of absorption, \[lux-koblinger\]; flights and photons in `photon.rs`, pictures in `image.rs`.
 //!
 //! Photons run in 32 batches, each with a random stream of its own; means and standard errors come from the batches, in
 //! their order, so that the bytes do not depend on the number of threads. Errors of neighbouring cells and pixels are

@@ -34,6 +34,15 @@ pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut Out) -> io::Result<(
     }
 }
 
+/// Writes a file that can be made again: whole or not at all as [`write_atomically`] does, but not waited for until it is on the disk.
+///
+/// Errors: what the system refuses.
+pub fn write_scratch(path: &Path, parts: &[&[u8]]) -> io::Result<()> {
+    let mut part = Part::make(folder_of(path), None)?;
+    pour(part.file(), |out| parts.iter().try_for_each(|bytes| out.write_all(bytes)))?;
+    part.rename(path).map_err(|(error, _)| error)
+}
+
 /// An output of the command: found and tried before the work, written after it. `-` is standard output.
 #[derive(Clone, Debug)]
 pub struct Output {

@@ -1,4 +1,4 @@
-//! Pictures into files: PNG for eyes, EXR for numbers. Each appears whole or not at all.
+//! Pictures into files: PNG to look at, EXR for numbers. Each appears whole or not at all.
 
 use crate::error::BakeError;
 use crate::output::write_atomically;

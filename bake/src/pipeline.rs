@@ -8,7 +8,9 @@ mod town;
 
 use crate::error::BakeError;
 use crate::progress::Progress;
+use crate::provenance;
 use crate::recipe::model::Recipe;
+use crate::response::cache::ResponseCache;
 use squall_formats::container::OutSection;
 use squall_formats::section::provenance::ProvenanceSection;
 use stage::StageOutput;
@@ -20,24 +22,37 @@ pub struct Baked {
     pub sections: Vec<OutSection>,
     /// What each stage made.
     pub stages: Vec<StageReport>,
+    /// What it was made from, and the figures measured: as in the sections.
+    pub provenance: ProvenanceSection,
 }
 
 /// Bakes a recipe.
 ///
 /// Errors: an input that is missing or out of range, a method that cannot reach what was asked, an interruption.
 pub fn bake(recipe: &Recipe, progress: &dyn Progress) -> Result<Baked, BakeError> {
+    bake_with(recipe, None, progress)
+}
+
+/// [`bake`], with a cache of rows that were solved before. The asset has the same bytes with any cache and without one.
+///
+/// Errors: as [`bake`].
+pub fn bake_with(
+    recipe: &Recipe,
+    cache: Option<&ResponseCache>,
+    progress: &dyn Progress,
+) -> Result<Baked, BakeError> {
     let mut output = rain::rain(recipe, progress)?;
     output.append(town::town(recipe)?);
     output.append(town::scenery(recipe));
-    output.append(clouds::clouds(recipe, progress)?);
+    output.append(clouds::clouds(recipe, cache, progress)?);
     let StageOutput { mut sections, inputs, budgets, reports } = output;
-    let provenance = ProvenanceSection {
-        tool: format!("squall {}", env!("CARGO_PKG_VERSION")),
-        recipe_hash: *blake3::hash(recipe.text.as_bytes()).as_bytes(),
+    let made_from = ProvenanceSection {
+        tool: provenance::tool(),
+        recipe_hash: provenance::recipe_hash(recipe),
         inputs,
         budgets,
     };
-    let mut all = vec![provenance.write()];
+    let mut all = vec![made_from.write()];
     all.append(&mut sections);
-    Ok(Baked { sections: all, stages: reports })
+    Ok(Baked { sections: all, stages: reports, provenance: made_from })
 }

@@ -1,7 +1,7 @@
-//! Clouds lit by given lamps from an asset: one picture, and per-cell fields in the layout of `squall solve`.
+//! Clouds lit by given point lights from an asset: one picture, and per-cell fields in the layout of `squall solve`.
 //!
-//! Lamps inside the asset's reach are split over its virtual sources and relit; those outside are solved for on the spot
-//! (squall_runtime::clouds), with the discretisation of the rows. Where light that comes straight from the lamps is taken
+//! Lights that the asset's rows answer for are split over its virtual point lights and relit; others are solved for on the spot
+//! (squall_runtime::clouds), with the discretisation of the rows. Where light that comes straight from the lights is taken
 //! from is a choice for assets whose rows hold it ([`DirectFrom`]).
 //!
 //! | field | rows with direct light, taken from the rows | else |
@@ -61,7 +61,7 @@ pub struct RelitReport {
     /// Lamps in all.
     #[serde(rename = "lamps")]
     pub lights: usize,
-    /// Lamps outside the asset's reach, solved for on the spot.
+    /// Lights that no row answers for, solved for on the spot.
     #[serde(rename = "lamps_outside")]
     pub lights_outside: usize,
     /// Virtual sources touched.

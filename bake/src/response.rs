@@ -6,6 +6,7 @@
 //! they say what compression costs.
 
 mod batch;
+pub mod cache;
 pub mod directions;
 pub mod grid;
 pub mod hidden;
@@ -19,7 +20,8 @@ use crate::compress::{CompressedRow, compress_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
 pub use crate::recipe::model::ResponseSettings;
-use batch::{Batch, RowSolver, SOLVED, Work};
+use batch::{Finish, Row, RowSolver, SOLVED, Wanted, Work};
+use cache::ResponseCache;
 pub use directions::{add_direct, in_26_directions};
 pub use grid::{LightSpacing, WantedLights, light_grid};
 pub use job::{BakedResponse, HeldOutStroke, Job, Sources};
@@ -32,7 +34,8 @@ use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{ResponseHead, ResponseRows};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
-use squall_runtime::transport::solve::Solver;
+use squall_runtime::transport::direct::Light;
+use squall_runtime::transport::solve::{Solver, sweeps_together};
 
 /// Batches between two ordered gatherings: enough for many threads, few enough to bound memory.
 const BATCHES_AT_ONCE: usize = 16;
@@ -76,12 +79,13 @@ pub fn solve_held_out(
     cloud: &Cloud,
     settings: &ResponseSettings,
     held_out: &[Vec<PointLight>],
+    cache: Option<&ResponseCache>,
     progress: &dyn Progress,
 ) -> Result<Vec<HeldOutStroke>, BakeError> {
     let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
     let lights = WantedLights { grid, wanted: vec![false] };
     let sources = Sources { lights, distant: Vec::new() };
-    let job = Job { cloud, sources: &sources, settings, held_out, known: None };
+    let job = Job { cloud, sources: &sources, settings, held_out, known: None, cache };
     Ok(solve_rows(&job, progress)?.held_out)
 }
 
@@ -101,7 +105,7 @@ fn solve_each_row<R: Send>(
 ) -> Result<Gathered, BakeError> {
     let fine = job.cloud.refined([job.settings.refine; 3])?;
     let solver = Solver::<4>::new(&fine, job.settings.solve)?;
-    let rows = RowSolver::new(job.cloud, &fine, &solver, job.settings);
+    let rows = RowSolver::new(job, &fine, &solver);
     rows.check_visible()?;
     let head = planned_head(job, solver.scaled().extinction_scale, rows.seen());
     let weights = job.held_out.iter().map(|lights| split_stroke(&head, lights)).collect();
@@ -116,9 +120,9 @@ fn solve_each_row<R: Send>(
     progress.begin("cloud response", parts.iter().map(|part| part.lights.len() as u64).sum());
     let mut gathering = Gathering { head, held_out, weights, row: 0, sweeps: 0 };
     for group in parts.chunks(BATCHES_AT_ONCE) {
-        for batch in solve_group(&rows, group, &gathering.weights, finish, progress) {
-            gathering.add(batch?, take);
-        }
+        let needed = |row: u32| gathering.weights.iter().any(|list| list.iter().any(|&(r, _)| r == row));
+        let group = solve_group(&rows, group, &Finish { needed: &needed, code: finish }, progress)?;
+        group.into_iter().for_each(|part| gathering.add(part, take));
     }
     let Gathering { head, held_out, sweeps, .. } = gathering;
     Ok(Gathered { head, held_out, sweeps })
@@ -127,25 +131,64 @@ fn solve_each_row<R: Send>(
 /// Rows and weights of one stroke.
 type Weights = Vec<(u32, f32)>;
 
-/// Solves some batches in parallel; they come back in their own order.
+/// Finds or solves the rows of some batches in parallel; they come back in their own order.
 fn solve_group<R: Send>(
     rows: &RowSolver<'_>,
     group: &[Part],
-    weights: &[Weights],
-    finish: &(dyn Fn(Vec<f32>) -> R + Sync),
+    finish: &Finish<'_, R>,
     progress: &dyn Progress,
-) -> Vec<Result<Batch<R>, BakeError>> {
-    group
+) -> Result<Vec<Vec<Row<R>>>, BakeError> {
+    let wanted = |part: &Part| -> Vec<(u32, Vec<Light>, bool)> {
+        let numbered = (part.first..).zip(part.lights.clone());
+        numbered.map(|(number, lights)| (number, lights, part.in_rows)).collect()
+    };
+    let all: Vec<_> = group.iter().flat_map(wanted).collect();
+    let found: Vec<Option<Row<R>>> = all
         .par_iter()
-        .map_init(Work::default, |work, part| {
+        .map_init(Vec::new, |scratch, (number, lights, in_rows)| {
+            let row = rows.kept((*number, lights.as_slice()), *in_rows, finish, scratch);
+            progress.advance(u64::from(row.is_some()));
+            row
+        })
+        .collect();
+    // What is missing is solved in full batches, wherever it stands.
+    let mut batches: Vec<(Vec<Wanted<'_>>, bool)> = Vec::new();
+    for ((number, lights, in_rows), _) in all.iter().zip(&found).filter(|(_, found)| found.is_none()) {
+        match batches.last_mut() {
+            Some((batch, kind)) if kind == in_rows && batch.len() < BATCH => batch.push((*number, lights)),
+            _ => batches.push((vec![(*number, lights)], *in_rows)),
+        }
+    }
+    let solved: Vec<Result<Vec<Row<R>>, BakeError>> = batches
+        .par_iter()
+        .map_init(Work::default, |work, (batch, in_rows)| {
             progress.check()?;
-            let needed = |row: u32| weights.iter().any(|list| list.iter().any(|&(r, _)| r == row));
-            let needed = |lane: usize| needed(part.first + lane as u32);
-            let done = rows.solve_batch(&part.lights, part.in_rows, needed, finish, work);
-            progress.advance(part.lights.len() as u64);
+            let done = rows.solve_batch(batch, *in_rows, finish, work);
+            progress.advance(batch.len() as u64);
             done
         })
-        .collect()
+        .collect();
+    let mut done: Vec<Row<R>> = found.into_iter().flatten().collect();
+    for batch in solved {
+        done.extend(batch?);
+    }
+    done.sort_by_key(|row| row.number);
+    let (mut done, mut parts) = (done.into_iter(), Vec::with_capacity(group.len()));
+    for part in group {
+        let mut batch: Vec<Row<R>> = done.by_ref().take(part.lights.len()).collect();
+        if !rows.is_away_from_bound(sweeps_of(&batch)) {
+            // Neighbours matter: these have to be solved with their own.
+            let wanted: Vec<Wanted<'_>> = (part.first..).zip(part.lights.iter().map(Vec::as_slice)).collect();
+            batch = rows.solve_batch(&wanted, part.in_rows, finish, &mut Work::default())?;
+        }
+        parts.push(batch);
+    }
+    Ok(parts)
+}
+
+/// Sweeps that these rows take when they are solved side by side.
+fn sweeps_of<R>(batch: &[Row<R>]) -> u32 {
+    sweeps_together(batch.iter().map(|row| row.steps.as_slice()))
 }
 
 /// Batches put together in row order.
@@ -160,19 +203,20 @@ struct Gathering {
 }
 
 impl Gathering {
-    fn add<R>(&mut self, batch: Batch<R>, take: &mut dyn FnMut(R)) {
+    fn add<R>(&mut self, batch: Vec<Row<R>>, take: &mut dyn FnMut(R)) {
         let record = &mut self.head.solver;
-        record.most_sweeps = record.most_sweeps.max(batch.report.sweeps);
-        self.sweeps += u64::from(batch.report.sweeps);
-        for lane in &batch.report.lanes {
-            record.worst_residual = record.worst_residual.max(lane.residual);
-        }
-        for (row, values) in batch.rows {
-            if let Some(values) = values {
+        // As if all of them had been solved now.
+        let sweeps = sweeps_of(&batch);
+        record.most_sweeps = record.most_sweeps.max(sweeps);
+        self.sweeps += u64::from(sweeps);
+        for Row { value, uncoded, residual, .. } in batch {
+            let record = &mut self.head.solver;
+            record.worst_residual = record.worst_residual.max(residual);
+            if let Some(values) = uncoded {
                 self.add_to_strokes(&values);
             }
             self.row += 1;
-            take(row);
+            take(value);
         }
     }
 

@@ -1,17 +1,22 @@
 //! The command from outside, one module a subject. One program for all, because each is linked with everything.
 
+mod cache;
 mod chart;
 mod diff;
 mod disk;
+mod help;
 mod inputs;
 mod inspect;
+mod json;
 mod monte_carlo;
 mod outputs;
 mod peers;
 mod query;
+mod readme;
 mod recipe;
 mod relight;
 mod solve;
+mod steps;
 mod streaks;
 mod synth;
 

@@ -31,7 +31,7 @@ const SLOPE_POWER: f64 = -0.21;
 /// Below this diameter Atlas' fit, which turns negative under 0.109 mm, gives way to Best's, mm.
 pub const BEST_BELOW: Millimetres = Millimetres(0.5);
 
-/// Diameters that the default classes span: Bentley's 1/50 to 1/3 inch. [bentley-1904]
+/// Diameters that the default classes span: Bentley's 1/50 to 1/3 inch. \[bentley-1904\]
 pub const DEFAULT_DIAMETERS: [Millimetres; 2] = [Millimetres(25.4 / 50.0), Millimetres(25.4 / 3.0)];
 
 /// Λ(R) = 4.1 R^−0.21, 1/mm. Falls from +∞ at R = 0; a negative R counts as 0. \[marshall-palmer\], \[weber\] eq. 8.
@@ -65,13 +65,13 @@ pub fn drops_per_volume(from: Millimetres, to: Millimetres, rate: MillimetresPer
     -INTERCEPT / slope * libm::exp(-slope * from.0) * libm::expm1(-slope * (to.0 - from.0))
 }
 
-/// Atlas, Srivastava and Sekhon's fit to Gunn and Kinzer's speeds: 9.65 − 10.3 e^{−0.6 D}. [atlas-1973]
+/// Atlas, Srivastava and Sekhon's fit to Gunn and Kinzer's speeds: 9.65 − 10.3 e^{−0.6 D}. \[atlas-1973\]
 /// Within 2 % for 0.6 ≤ D ≤ 5.8 mm; negative below 0.109 mm.
 pub fn atlas_speed(diameter: Millimetres) -> MetresPerSecond {
     MetresPerSecond(9.65 - 10.3 * libm::exp(-0.6 * diameter.0))
 }
 
-/// Best's fit: 9.58 (1 − e^{−(D/1.77)^1.147}); 0 at D = 0 and positive above. [best-1950]
+/// Best's fit: 9.58 (1 − e^{−(D/1.77)^1.147}); 0 at D = 0 and positive above. \[best-1950\]
 pub fn best_speed(diameter: Millimetres) -> MetresPerSecond {
     MetresPerSecond(-9.58 * libm::expm1(-libm::pow(diameter.0.max(0.0) / 1.77, 1.147)))
 }

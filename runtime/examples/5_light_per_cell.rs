@@ -58,10 +58,10 @@ fn descriptor() -> Vec<u8> {
     const SAMPLES: u32 = 4;
     let block = 24 + 16 * SAMPLES;
     // Total size; vendor and type 0; version 2 and block size; RGBSDA model, BT.709 primaries, linear; 1 texel of 8 bytes.
-    let mut words = vec![block + 4, 0, block << 16 | 2, 1 << 16 | 1 << 8 | 1, 0, 8, 0];
+    let mut words = vec![block + 4, 0, (block << 16) | 2, (1 << 16) | (1 << 8) | 1, 0, 8, 0];
     for (sample, channel) in [0u32, 1, 2, 15].into_iter().enumerate() {
         // Offset, 16 bits, signed float; no position; from −1 to 1 as floats.
-        let bits = 16 * sample as u32 | 15 << 16 | (channel | 0xC0) << 24;
+        let bits = (16 * sample as u32) | (15 << 16) | ((channel | 0xC0) << 24);
         words.extend([bits, 0, (-1f32).to_bits(), 1f32.to_bits()]);
     }
     words.into_iter().flat_map(u32::to_le_bytes).collect()

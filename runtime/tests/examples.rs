@@ -1,5 +1,6 @@
 //! Every example runs on a small asset, and README's program is one of them.
-#![allow(dead_code)]
+// Each example is a program: its `main` is not called here, and each brings its own copy of what they share.
+#![allow(dead_code, clippy::duplicate_mod)]
 
 #[path = "../examples/2_own_camera_own_stroke.rs"]
 mod camera_and_stroke;

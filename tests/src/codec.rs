@@ -52,7 +52,7 @@ fn sources() -> Sources {
     Sources { lights, distant: vec![DistantKind::UpperSky] }
 }
 
-/// Strokes of one to twenty lamps anywhere in the reach, some of them beyond all measure brighter than others.
+/// Strokes of one to twenty lights anywhere in the bounds, some of them beyond all measure brighter than others.
 fn strokes() -> Vec<Vec<PointLight>> {
     let mut random = Random::new(17);
     let stroke = |number: usize| {
@@ -100,7 +100,14 @@ struct Baked {
 fn bake(case: Case) -> Baked {
     let (cloud, strokes) = (cloud(), strokes());
     let (sources, settings) = (sources(), settings(case));
-    let job = Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+    let job = Job {
+        cloud: &cloud,
+        sources: &sources,
+        settings: &settings,
+        held_out: &strokes,
+        known: None,
+        cache: None,
+    };
     let mut response = bake_response(&job, &Quiet).unwrap();
     let head = CloudHead {
         shape: cloud.shape,
@@ -344,8 +351,14 @@ fn leaving_hidden_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fe
     let bake = |seen_only: bool, error: f64| {
         let settings = ResponseSettings { seen_only, relative_error: error, ..settings(case) };
         let sources = sources();
-        let job =
-            Job { cloud: &cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+        let job = Job {
+            cloud: &cloud,
+            sources: &sources,
+            settings: &settings,
+            held_out: &strokes,
+            known: None,
+            cache: None,
+        };
         asset_of(&cloud, bake_response(&job, &Quiet).unwrap()).unwrap()
     };
     let [(all, _), (seen, _)] = [bake(false, 0.0), bake(true, 0.0)];

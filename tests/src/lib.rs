@@ -83,3 +83,5 @@ mod truth;
 mod view_region;
 #[cfg(test)]
 mod wasm;
+#[cfg(test)]
+mod words;

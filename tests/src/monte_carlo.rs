@@ -76,7 +76,7 @@ fn photons_in_an_infinite_medium_have_the_closed_form_fluence() {
 }
 
 #[test]
-fn collisions_by_chance_lie_at_the_mean_squared_distance_of_the_closed_form() {
+fn monte_carlo_collisions_lie_at_the_mean_squared_distance_of_the_closed_form() {
     /// The cube ends 24 mean free paths out, where some .5 % of the second moment is still to come; chance adds .3 %.
     const TOLERANCE: f64 = 0.015;
     for (albedo, g) in [(0.8, 0.5), (0.8, -0.6), (0.6, 0.9)] {
@@ -178,7 +178,7 @@ fn slabs_reflect_and_transmit_as_discrete_ordinates_of_64_streams() {
 }
 
 #[test]
-fn the_step_cloud_of_i3rc_reflects_by_chance_as_its_consensus() {
+fn the_step_cloud_of_i3rc_reflects_in_monte_carlo_as_its_consensus() {
     /// One standard error of the published consensus.
     const CONSENSUS: f64 = 1e-4;
     for (albedo, reflected, transmitted) in [(1.0, 0.327_63, 0.672_37), (0.99, 0.260_99, 0.598_05)] {

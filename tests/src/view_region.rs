@@ -18,7 +18,7 @@ use squall_runtime::stroke::Stroke;
 use squall_runtime::{Asset, Clouds};
 use std::path::Path;
 
-/// A cloud 2 km from the eyes, thick enough to hide its far side: 7 × 10 × 5 cells of 100 m, a mean free path of 20 m behind
+/// A cloud 2 km from the viewpoints, thick enough to hide its far side: 7 × 10 × 5 cells of 100 m, a mean free path of 20 m behind
 /// a thin front.
 fn write_scene(folder: &Path) {
     let mut bytes = Vec::new();

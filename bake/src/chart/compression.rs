@@ -61,7 +61,14 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let mut points = Vec::new();
     for (basis, direct) in kinds {
         let settings = ResponseSettings { basis, direct, ..*own };
-        let job = Job { cloud, sources: &sources, settings: &settings, held_out: &strokes, known: None };
+        let job = Job {
+            cloud,
+            sources: &sources,
+            settings: &settings,
+            held_out: &strokes,
+            known: None,
+            cache: None,
+        };
         let solved = solve_rows(&job, &Quiet)?;
         let sight = Sight::new(cloud, &solved);
         let what = match (basis, direct) {

@@ -155,7 +155,7 @@ impl Shot<'_> {
     fn flash(&self, lights: WantedLights, settings: &ResponseSettings) -> Result<Point, BakeError> {
         let (cloud, stroke) = (&self.scene.cloud, self.stroke.as_slice());
         let sources = Sources { lights, distant: Vec::new() };
-        let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None };
+        let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
         let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
         let mut clouds = Clouds::new(&asset)?;
         let (done, cost) =

@@ -43,7 +43,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         progress.check()?;
         let (_, direct, basis, codec) = kind;
         let settings = ResponseSettings { direct, basis, codec, ..scene.settings };
-        let known = solve_held_out(&scene.cloud, &settings, &strokes, &Quiet)?;
+        let known = solve_held_out(&scene.cloud, &settings, &strokes, None, &Quiet)?;
         progress.advance(1);
         for (&step, lights) in steps.iter().zip(&grids) {
             progress.check()?;
@@ -83,8 +83,14 @@ fn point(
 ) -> Result<Point, BakeError> {
     let settings = ResponseSettings { direct, basis, codec, ..scene.settings };
     let error = settings.relative_error;
-    let job =
-        Job { cloud: &scene.cloud, sources, settings: &settings, held_out: strokes, known: Some(known) };
+    let job = Job {
+        cloud: &scene.cloud,
+        sources,
+        settings: &settings,
+        held_out: strokes,
+        known: Some(known),
+        cache: None,
+    };
     let (done, cost) = seconds(1, || -> Result<_, BakeError> {
         let candidate = Candidate::new(&job, &[], &Quiet)?;
         let coded = candidate.encode(basis, codec, error);
@@ -114,7 +120,7 @@ fn point(
     })
 }
 
-/// Strokes of the finest grid, with the points alone that all grids reach: every grid is compared by the same light.
+/// Strokes of the finest grid, with the points alone that all grids light: every grid is compared by the same light.
 fn common_strokes(
     site: &Site<'_>,
     spacing_m: f64,

@@ -35,7 +35,7 @@ const LENGTHS_PX: [f64; 2] = [10.0, 200.0];
 /// What drops cover. With more, the widest of them hide a pixel wholly in some of its samples; what a frame with
 /// one sample a pixel is then off, 2 % at 8, no pattern can help.
 const GAIN: f64 = 1.0;
-/// [weber] table 1, GeForce GTX 980, 20 ms: frames a second at 2, 5, 25 and 75 mm/h, by horizontal field of view.
+/// \[weber\] table 1, GeForce GTX 980, 20 ms: frames a second at 2, 5, 25 and 75 mm/h, by horizontal field of view.
 const TABLE_1: [(f64, [f64; 4]); 4] = [
     (120.0, [60.0, 48.0, 37.0, 30.0]),
     (100.0, [55.0, 45.0, 35.0, 27.0]),

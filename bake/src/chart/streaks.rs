@@ -18,7 +18,7 @@ const TIME: &str = "draw, ns a pixel";
 
 pub const PAIRS: &[(&str, &str)] = &[(PSNR, COSINES), (PSNR, BYTES), (PSNR, TIME), (SSIM, BYTES)];
 
-/// The paper's numbers of cosines: usual and for the quickest. [weber]
+/// The paper's numbers of cosines: usual and for the quickest. \[weber\]
 const PAPER: [usize; 2] = [6, 3];
 
 pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {

@@ -19,6 +19,13 @@ pub struct Args {
     json: bool,
 }
 
+impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        self.json
+    }
+}
+
 pub fn run(args: Args) -> anyhow::Result<()> {
     let [a, b] = [asset::open(&args.a)?, asset::open(&args.b)?];
     let found = diff(&a, &b)?;

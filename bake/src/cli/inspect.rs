@@ -1,7 +1,12 @@
 //! `squall inspect ASSET [--json]`
+
+mod contents;
+
+use super::json;
 use super::table::{self, Column};
 use glam::DVec3;
 use serde_json::{Value, json};
+use squall_formats::Tag;
 use squall_formats::container::{Entry, FORMAT_VERSION};
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
@@ -22,9 +27,16 @@ use std::path::PathBuf;
 pub struct Args {
     /// The asset.
     asset: PathBuf,
-    /// Print JSON: the section table and the budgets.
+    /// Print JSON: section table, inputs, budgets, grid, response, strokes, view. docs/json.md says what stands in it.
     #[arg(long)]
     json: bool,
+}
+
+impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        self.json
+    }
 }
 
 /// Only the heads of sections are read, so that the time taken does not depend on the asset's size.
@@ -35,14 +47,17 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         None => None,
     };
     if args.json {
-        return table::print(&format!("{:#}\n", in_json(&asset, provenance.as_ref())));
+        let (answer, damage) = in_json(&asset, provenance.as_ref());
+        json::answer(&answer)?;
+        return damage.map_or(Ok(()), |error| Err(error.into()));
     }
     let (text, damage) = in_words(&asset, provenance.as_ref());
     table::print(&text)?;
     damage.map_or(Ok(()), |error| Err(error.into()))
 }
 
-fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
+/// The whole answer, and the first section of those it speaks of that could not be read.
+fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (Value, Option<RuntimeError>) {
     let section = |entry: &Entry| {
         json!({
             "tag": entry.tag.to_string(),
@@ -64,25 +79,32 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> Value {
             "next_cheaper": record.next_cheaper,
         })
     };
-    let light = asset.section(ResponseSection::TAG, "the cloud's response", ResponseSection::read).ok();
-    let light = light.and_then(|section| {
-        let (grid, rows) = section.head.sources.light_grid()?;
-        Some(json!({
-            "pruned": rows.contains(&NO_ROW),
-            "share_lit": share_lit(&section.head.sources),
-            "bounds_m": grid.bounds(),
-        }))
-    });
     let sections: Vec<Value> = asset.directory().entries.iter().map(section).collect();
     let budgets: Vec<Value> = provenance.iter().flat_map(|p| &p.budgets).map(budget).collect();
-    json!({
+    let inputs: Vec<Value> = provenance.iter().flat_map(|p| &p.inputs).map(contents::input).collect();
+    let mut damage = None;
+    let mut section = |tag: Tag, read: fn(&Asset) -> Result<Value, RuntimeError>| {
+        let found = asset.directory().find(tag).map(|_| read(asset));
+        found.transpose().unwrap_or_else(|error| {
+            damage.get_or_insert(error);
+            None
+        })
+    };
+    let answer = json!({
+        "command": "inspect",
         "format_version": FORMAT_VERSION,
         "bytes": asset.bytes().len(),
-        "recipe_hash": provenance.map(|p| hex(&p.recipe_hash)),
+        "tool": provenance.map(|p| &p.tool),
+        "recipe_hash": provenance.map(|p| json::hex(&p.recipe_hash)),
+        "inputs": inputs,
         "sections": sections,
         "budgets": budgets,
-        "light": light,
-    })
+        "grid": section(CloudSection::TAG, contents::grid),
+        "response": section(ResponseSection::TAG, contents::response),
+        "strokes": section(BoltSection::TAG, contents::strokes),
+        "view": section(ViewSection::TAG, contents::view),
+    });
+    (answer, damage)
 }
 
 /// The whole report, and the first section that could not be read.
@@ -92,7 +114,7 @@ fn in_words(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (String, O
     let _ = writeln!(text, "{}: format {FORMAT_VERSION}, {bytes} bytes", asset.path().display());
     if let Some(provenance) = provenance {
         let tool = table::plain(&provenance.tool);
-        let _ = writeln!(text, "baked by {tool} from recipe {}", hex(&provenance.recipe_hash));
+        let _ = writeln!(text, "baked by {tool} from recipe {}", json::hex(&provenance.recipe_hash));
     }
     let mut sections = Vec::new();
     for entry in &asset.directory().entries {
@@ -128,7 +150,7 @@ fn in_words(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (String, O
         if !provenance.inputs.is_empty() {
             let columns = [Column::left("input"), Column::right("bytes"), Column::left("BLAKE3")];
             let rows = provenance.inputs.iter();
-            let rows = rows.map(|i| vec![table::plain(&i.name), table::bytes(i.bytes), hex(&i.hash)]);
+            let rows = rows.map(|i| vec![table::plain(&i.name), table::bytes(i.bytes), json::hex(&i.hash)]);
             let _ = write!(text, "\n{}", table::layout(&columns, &rows.collect::<Vec<_>>()));
         }
         if !provenance.budgets.is_empty() {
@@ -248,8 +270,4 @@ fn describe_response(head: &ResponseHead) -> String {
         "response: {lights}{} distant lights, {basis}, {codec}, {direct}{seen}{view_region}",
         head.distant.len()
     )
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -9,10 +9,13 @@ mod asset;
 mod bake;
 mod chart;
 mod common;
+mod depfile;
 mod diff;
 mod folder;
 mod inspect;
 pub mod interrupt;
+pub mod json;
+mod limits;
 mod picture;
 pub mod progress;
 mod query;
@@ -52,6 +55,26 @@ enum Command {
     /// Makes inputs from seeds.
     #[command(subcommand)]
     Synth(synth::Synth),
+}
+
+impl Cli {
+    /// Name of the command, if its answer is to be JSON.
+    pub fn json(&self) -> Option<&'static str> {
+        let (name, json) = match &self.command {
+            Command::Bake(args) => ("bake", args.json()),
+            Command::Render(args) => ("render", args.json()),
+            Command::Relight(args) => ("relight", args.json()),
+            Command::Solve(args) => ("solve", args.json()),
+            Command::Query(args) => ("query", args.json()),
+            Command::Inspect(args) => ("inspect", args.json()),
+            Command::Verify(args) => ("verify", args.json()),
+            Command::Diff(args) => ("diff", args.json()),
+            Command::Chart(_) => ("chart", false),
+            Command::Streaks(command) => ("streaks fit", command.json()),
+            Command::Synth(command) => command.json(),
+        };
+        json.then_some(name)
+    }
 }
 
 /// Runs the chosen subcommand.

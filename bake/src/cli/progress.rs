@@ -42,6 +42,12 @@ impl Bars {
         clear();
     }
 
+    /// Words that are worth knowing whether or not anybody wants to hear of progress, on standard error.
+    pub fn warn(&self, words: &str) {
+        self.finish();
+        to_stderr(&format!("warning: {words}"));
+    }
+
     /// Words for whoever waits, on standard error: standard output is for data alone.
     pub fn say(&self, words: &str) {
         self.finish();

@@ -18,6 +18,15 @@ pub struct Args {
     what: What,
 }
 
+impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        match &self.what {
+            What::Density(density) => density.json,
+        }
+    }
+}
+
 #[derive(clap::Subcommand)]
 enum What {
     /// Expected number of visible rain streaks in a picture, in all and by class of drops.

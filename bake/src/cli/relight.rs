@@ -3,6 +3,7 @@
 use super::asset;
 use super::common::Common;
 use super::folder::{OutputFolder, check_apart};
+use super::json as answer;
 use super::picture::{Format, PictureFile};
 use serde_json::json;
 use squall_bake::BakeError;
@@ -10,6 +11,7 @@ use squall_bake::fields::{Estimate, Fields, grey_picture};
 use squall_bake::input::scene::{read_camera, read_lights};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
+use squall_bake::provenance::tool;
 use squall_bake::relit::{DirectFrom, relight};
 use squall_runtime::Clouds;
 use squall_runtime::tone::Tone;
@@ -44,8 +46,18 @@ pub struct Args {
     /// Where light straight from the lamps is taken from; left out, from the rows where they hold it, else from the lamps.
     #[arg(long, value_enum)]
     direct: Option<Direct>,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     common: Common,
+}
+
+impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        self.json
+    }
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -58,6 +70,7 @@ enum Direct {
 
 /// Runs the command.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    answer::check_stdout(args.json, &[&args.out]);
     let start = Instant::now();
     let out = PictureFile::prepare(&args.out, args.format)?;
     let asset = asset::open(&args.asset)?;
@@ -95,7 +108,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             live.seconds
         );
     }
-    let (_, width, image) = fields.images.first().ok_or_else(|| BakeError::NoPicture)?;
+    let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
     let tone = Tone { exposure, ..Tone::default() };
@@ -109,27 +122,37 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         100.0 * report.error_bound,
         start.elapsed().as_secs_f64(),
     ));
-    let (Some(folder), Some(place)) = (folder, &args.field) else { return Ok(()) };
-    let files = folder.write(|folder| {
-        let mut files = fields.write(folder)?;
-        let mut summary = json!({
-            "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-            "asset": args.asset.to_string_lossy(),
-            "dims_xyz": clouds.cloud().shape.to_array(),
-            "exposure": exposure,
-            "seconds": start.elapsed().as_secs_f64(),
-            "files": files,
-        });
-        for (key, value) in serde_json::to_value(&report)?.as_object().into_iter().flatten() {
-            summary[key] = value.clone();
-        }
-        let text = serde_json::to_string_pretty(&summary)? + "\n";
-        write_atomically(&folder.join("relight.json"), |out| out.write_all(text.as_bytes()))?;
-        files.push("relight.json".into());
-        Ok(files)
-    })?;
-    bars.say(&format!("{}: {}", place.display(), files.join(" ")));
-    Ok(())
+    let mut summary = json!({
+        "tool": tool(),
+        "asset": args.asset.to_string_lossy(),
+        "dims_xyz": clouds.cloud().shape.to_array(),
+        "exposure": exposure,
+        "seconds": start.elapsed().as_secs_f64(),
+        "files": [],
+    });
+    for (key, value) in serde_json::to_value(&report)?.as_object().into_iter().flatten() {
+        summary[key] = value.clone();
+    }
+    if let (Some(folder), Some(place)) = (folder, &args.field) {
+        let files = folder.write(|folder| {
+            let mut files = fields.write(folder)?;
+            let mut summary = summary.clone();
+            summary["files"] = json!(files);
+            let text = serde_json::to_string_pretty(&summary)? + "\n";
+            write_atomically(&folder.join("relight.json"), |out| out.write_all(text.as_bytes()))?;
+            files.push("relight.json".into());
+            Ok(files)
+        })?;
+        bars.say(&format!("{}: {}", place.display(), files.join(" ")));
+        summary["files"] = json!(files);
+    }
+    if !args.json {
+        return Ok(());
+    }
+    summary["command"] = json!("relight");
+    summary["picture"] = json!(args.out.to_string_lossy());
+    summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
+    answer::answer(&summary)
 }
 
 fn exposure(text: &str) -> Result<f32, String> {

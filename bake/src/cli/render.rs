@@ -2,13 +2,18 @@
 use super::asset;
 use super::common::Common;
 use super::folder;
+use super::json;
 use super::picture::{Format, PictureFile, Sheet};
+use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::progress::Progress;
+use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
 use squall_formats::units::MillimetresPerHour;
 use squall_runtime::frame::tone_of;
+use squall_runtime::picture::Picture;
+use squall_runtime::renderer::FrameReport;
 use squall_runtime::{Frame, RuntimeError, StormRenderer};
 use std::path::PathBuf;
 
@@ -24,7 +29,7 @@ pub struct Args {
     /// Form of the picture where its name does not tell; png if left out.
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// A view in place of the asset's own: a TOML file with [view] and the tables under it, as in a recipe.
+    /// A view in place of the asset's own: a TOML file with the table `view` and those under it, as in a recipe.
     #[arg(long)]
     scene: Option<PathBuf>,
     /// Rainfall intensity, mm/h.
@@ -48,8 +53,18 @@ pub struct Args {
     /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down.
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
     contact_sheet: bool,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     common: Common,
+}
+
+impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        self.json
+    }
 }
 
 fn stops(text: &str) -> Result<f32, String> {
@@ -62,6 +77,7 @@ fn stops(text: &str) -> Result<f32, String> {
 const SHEET_RATES: [f64; 4] = [0.0, 2.0, 25.0, 75.0];
 
 pub fn run(args: Args) -> anyhow::Result<()> {
+    json::check_stdout(args.json, &[&args.out]);
     let start = std::time::Instant::now();
     let out = PictureFile::prepare(&args.out, args.format)?;
     folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene))?;
@@ -85,14 +101,37 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             }
         }
         out.write(sheet.picture(), &tone)?;
-        bars.say(&format!("{}: 8 pictures, {:.2} s", out.name(), start.elapsed().as_secs_f64()));
-        return Ok(());
+        let seconds = start.elapsed().as_secs_f64();
+        bars.say(&format!("{}: 8 pictures, {seconds:.2} s", out.name()));
+        return answer(&args, sheet.picture(), None, seconds);
     }
     bars.begin("picture", 1);
     renderer.render(&frame)?;
     out.write(renderer.picture(), &tone)?;
-    bars.say(&out.words(renderer.picture(), &renderer.report(), start.elapsed().as_secs_f64()));
-    Ok(())
+    let (report, seconds) = (renderer.report(), start.elapsed().as_secs_f64());
+    bars.say(&out.words(renderer.picture(), &report, seconds));
+    answer(&args, renderer.picture(), Some(&report), seconds)
+}
+
+/// Says in JSON, where that was asked for, what was drawn: one frame with its report, or a sheet of several.
+fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds: f64) -> anyhow::Result<()> {
+    if !args.json {
+        return Ok(());
+    }
+    let count = |of: fn(&FrameReport) -> usize| report.map_or(Value::Null, |report| json!(of(report)));
+    json::answer(&json!({
+        "command": "render",
+        "tool": tool(),
+        "asset": args.asset.to_string_lossy(),
+        "picture": args.out.to_string_lossy(),
+        "size_px": [picture.width, picture.height],
+        "frames": if report.is_some() { 1 } else { 2 * SHEET_RATES.len() },
+        "lights": count(|report| report.lights),
+        "lights_live": count(|report| report.lights_live),
+        "sources": count(|report| report.sources),
+        "streaks": count(|report| report.streaks),
+        "seconds": seconds,
+    }))
 }
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.

@@ -2,6 +2,7 @@
 
 use super::common::{Common, Memory};
 use super::folder::OutputFolder;
+use super::json as answer;
 use super::progress::Bars;
 use anyhow::Result;
 use serde_json::{Value, json};
@@ -12,6 +13,7 @@ use squall_bake::memory;
 use squall_bake::monte_carlo::{MonteCarloSettings, PHOTONS, solve_monte_carlo};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
+use squall_bake::provenance::tool;
 use squall_bake::recipe::parse_directions;
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::quadrature::Quadrature;
@@ -53,6 +55,9 @@ pub struct Args {
     /// monte-carlo: seed of the random numbers; 1 if left out.
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -68,6 +73,11 @@ enum Method {
 }
 
 impl Args {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        self.json
+    }
+
     /// Options of one method do not go with the other.
     fn checked(&self) -> std::result::Result<(), clap::Error> {
         let sweep = [
@@ -113,26 +123,34 @@ pub fn run(args: Args) -> Result<()> {
     bars.finish();
     bars.check()?;
     let seconds = start.elapsed().as_secs_f64();
+    let mut summary = json!({
+        "tool": tool(),
+        "scene": args.scene.to_string_lossy(),
+        "lamp": args.lamp,
+        "dims_xyz": scene.cloud.shape.to_array(),
+        "seconds": seconds,
+        "files": [],
+    });
+    for (key, value) in report.as_object().into_iter().flatten() {
+        summary[key] = value.clone();
+    }
     let files = folder.write(|folder| {
         let mut files = fields.write(folder)?;
-        let mut summary = json!({
-            "tool": format!("squall {}", env!("CARGO_PKG_VERSION")),
-            "scene": args.scene.to_string_lossy(),
-            "lamp": args.lamp,
-            "dims_xyz": scene.cloud.shape.to_array(),
-            "seconds": seconds,
-            "files": files,
-        });
-        for (key, value) in report.as_object().into_iter().flatten() {
-            summary[key] = value.clone();
-        }
+        let mut summary = summary.clone();
+        summary["files"] = json!(files);
         let text = serde_json::to_string_pretty(&summary)? + "\n";
         write_atomically(&folder.join("solve.json"), |out| out.write_all(text.as_bytes()))?;
         files.push("solve.json".into());
         Ok(files)
     })?;
     bars.say(&format!("{lines}; {seconds:.1} s\n{}: {}", args.out.display(), files.join(" ")));
-    Ok(())
+    if !args.json {
+        return Ok(());
+    }
+    summary["files"] = json!(files);
+    summary["command"] = json!("solve");
+    summary["folder"] = json!(args.out.to_string_lossy());
+    answer::answer(&summary)
 }
 
 /// Names of the fields and pictures that a solve will write.

@@ -36,6 +36,15 @@ pub struct Fit {
     preview: Option<PathBuf>,
 }
 
+impl Command {
+    /// Whether the answer is to be JSON.
+    pub fn json(&self) -> bool {
+        match self {
+            Self::Fit(args) => args.json,
+        }
+    }
+}
+
 fn method(name: &str) -> Result<Method, String> {
     let known = || Method::ALL.map(Method::name).join(", ");
     Method::from_name(name).ok_or_else(|| format!("wanted one of {}", known()))

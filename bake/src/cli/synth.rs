@@ -1,10 +1,13 @@
 //! `squall synth …`: inputs from seeds.
 
 use super::folder::OutputFolder;
+use super::json;
 use super::progress::Bars;
+use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::input;
 use squall_bake::output::{Output, Place, folder_of};
+use squall_bake::provenance::tool;
 use squall_bake::synth::cloud::{CloudKind, synth_cloud};
 use squall_bake::synth::streak::write_streaks;
 use squall_bake::synth::stroke::stroke_json;
@@ -48,6 +51,9 @@ pub struct StrokeArgs {
     /// Distance between points, m: 0 makes one of every segment.
     #[arg(long, default_value_t = 0.0)]
     spacing: f64,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Arguments of `squall synth streaks`.
@@ -63,6 +69,9 @@ pub struct Streaks {
     /// How many pictures; the first ones are the same for any number.
     #[arg(long, default_value_t = 12)]
     count: usize,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Arguments of `squall synth cloud`.
@@ -84,6 +93,9 @@ pub struct Cloud {
     /// Middle of the grid on the ground, m.
     #[arg(long, value_name = "X,Y", value_parser = parse_place, default_value = "0,0", allow_hyphen_values = true)]
     centre: [f64; 2],
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -104,6 +116,9 @@ pub struct Town {
     /// Seed; the same seed gives the same bytes.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
 }
 
 fn parse_cells(text: &str) -> Result<GridShape, String> {
@@ -130,51 +145,72 @@ fn parse_place(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
+impl Synth {
+    /// What the command is called in its answer, and whether that is to be JSON.
+    pub fn json(&self) -> (&'static str, bool) {
+        match self {
+            Self::Cloud(arguments) => ("synth cloud", arguments.json),
+            Self::Town(arguments) => ("synth town", arguments.json),
+            Self::Stroke(arguments) => ("synth stroke", arguments.json),
+            Self::Streaks(arguments) => ("synth streaks", arguments.json),
+        }
+    }
+}
+
 /// Runs the chosen maker.
 pub fn run(command: Synth) -> anyhow::Result<()> {
-    match command {
+    let (name, in_json) = command.json();
+    let (seed, files) = match command {
         Synth::Cloud(arguments) => {
             let kind = match arguments.kind {
                 Kind::Storm => CloudKind::Storm,
                 Kind::Layer => CloudKind::Layer,
             };
+            json::check_stdout(in_json, &[&arguments.out]);
             check_cloud(&arguments.out)?;
             let cloud = synth_cloud(kind, arguments.seed, arguments.cells)?.centred_on(arguments.centre);
             let scene = cloud.write(&arguments.out)?;
-            say!("{}", scene.display());
+            // In words the scene alone is named: it names the other.
+            let grid = in_json.then(|| scene.with_extension("f32"));
+            (arguments.seed, std::iter::once(scene).chain(grid).collect())
         }
         Synth::Town(arguments) => {
+            json::check_stdout(in_json, &[&arguments.out]);
             let note = format!("squall synth town --seed {}", arguments.seed);
             let text = input::town::town_json(&synth_town(arguments.seed), &note);
-            write_text(&arguments.out, &text)?;
+            (arguments.seed, write_text(&arguments.out, &text)?)
         }
         Synth::Stroke(arguments) => {
-            let StrokeArgs { out, seed, from, to, intensity, spacing } = arguments;
+            let StrokeArgs { out, seed, from, to, intensity, spacing, .. } = arguments;
+            json::check_stdout(in_json, &[&out]);
             let text = stroke_json(seed, [from, to], intensity, spacing)?;
-            write_text(&out, &text)?;
+            (seed, write_text(&out, &text)?)
         }
         Synth::Streaks(arguments) => {
             let bars = Bars::new(false);
-            let Streaks { out, seed, count } = arguments;
+            let Streaks { out, seed, count, .. } = arguments;
             let files =
                 OutputFolder::prepare(&out)?.write(|out| Ok(write_streaks(out, seed, count, &bars)?))?;
             bars.finish();
-            for file in &files {
-                say!("{}", file.display());
-            }
+            (seed, files)
         }
+    };
+    if in_json {
+        let names: Vec<_> = files.iter().map(|file| file.to_string_lossy()).collect();
+        let answer = json!({ "command": name, "tool": tool(), "seed": seed, "files": names });
+        return json::answer(&answer);
+    }
+    for file in &files {
+        say!("{}", file.display());
     }
     Ok(())
 }
 
-/// Writes a text to a file, whose name goes to standard output, or to standard output itself.
-fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+/// Writes a text to a file, whose name comes back, or to standard output itself.
+fn write_text(path: &Path, text: &str) -> anyhow::Result<Vec<PathBuf>> {
     let out = Output::prepare(path)?;
     out.write(|out| out.write_all(text.as_bytes()))?;
-    if !out.is_stdout() {
-        say!("{}", out.name());
-    }
-    Ok(())
+    Ok(if out.is_stdout() { Vec::new() } else { vec![path.to_owned()] })
 }
 
 /// Refuses a name that two files cannot be made from, before the work. Errors: as [`Output::prepare`].

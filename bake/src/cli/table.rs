@@ -2,6 +2,7 @@
 
 use squall_bake::pipeline::StageReport;
 use std::fmt::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What each stage made, how long it took, how big it is and how far off; last the whole asset, by its name, bytes and seconds.
 pub fn stages(stages: &[StageReport], (asset, bytes): (&str, u64), seconds: f64) -> String {
@@ -81,9 +82,17 @@ pub fn plain(text: &str) -> String {
     text.chars().map(show).collect()
 }
 
+static PRINTED: AtomicBool = AtomicBool::new(false);
+
+/// Whether anything went to standard output.
+pub fn printed() -> bool {
+    PRINTED.load(Ordering::Relaxed)
+}
+
 /// Writes to standard output; a reader that has heard enough is no error.
 pub fn print(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
+    PRINTED.store(true, Ordering::Relaxed);
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),

@@ -7,7 +7,7 @@
 use glam::DVec3;
 use squall_runtime::random::Random;
 
-/// Henyey and Greenstein's function for one g, −1 < g < 1. [henyey-greenstein]
+/// Henyey and Greenstein's function for one g, −1 < g < 1. \[henyey-greenstein\]
 #[derive(Clone, Copy, Debug)]
 pub struct Phase {
     g: f64,

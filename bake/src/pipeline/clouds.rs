@@ -2,7 +2,7 @@
 //! held-out strokes that the plan did not see.
 
 use super::records::{records, solver_records};
-use super::stage::{Clock, StageOutput, StageReport, input_record};
+use super::stage::{Clock, StageOutput, StageReport};
 use crate::asset::{grid_section, in_memory};
 use crate::error::BakeError;
 use crate::evaluate::held_out::evaluate;
@@ -12,7 +12,9 @@ use crate::plan::budget::{Excess, Margins, not_met};
 use crate::plan::lights::Site;
 use crate::plan::{Plan, plan};
 use crate::progress::Progress;
+use crate::provenance::input_record;
 use crate::recipe::model::Recipe;
+use crate::response::cache::ResponseCache;
 use crate::response::{HeldOutStroke, Job, Sources, bake_response};
 use squall_formats::container::OutSection;
 use squall_formats::section::provenance::BudgetRecord;
@@ -25,7 +27,11 @@ const ITERATIONS: usize = 6;
 /// Sections of the cloud, if the recipe has one.
 ///
 /// Errors: a scene that is missing or out of range, a budget out of reach, a solve that does not converge, an interruption.
-pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOutput, BakeError> {
+pub(super) fn clouds(
+    recipe: &Recipe,
+    cache: Option<&ResponseCache>,
+    progress: &dyn Progress,
+) -> Result<StageOutput, BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(StageOutput::default()) };
     let clock = Clock::start();
     let scene = read_scene(&clouds.scene, clouds.optics)?;
@@ -33,7 +39,9 @@ pub(super) fn clouds(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOu
     let [nx, ny, nz] = scene.cloud.shape.to_array();
     let made = format!("{nx} × {ny} × {nz} cells");
     let mut grid = clock.report("cloud grid", made, 0, "as given".into());
-    let baked = bake_to_budget(&Site::new(recipe, clouds, &scene.cloud), progress)?;
+    let mut site = Site::new(recipe, clouds, &scene.cloud);
+    site.cache = cache;
+    let baked = bake_to_budget(&site, progress)?;
     grid.bytes = baked.sections[0].length();
     let reports = std::iter::once(grid).chain(baked.reports).collect();
     Ok(StageOutput { inputs, reports, ..baked })
@@ -104,6 +112,7 @@ impl Made {
             settings: &plan.settings,
             held_out: &strokes,
             known: None,
+            cache: site.cache,
         };
         let baked = bake_response(&job, progress)?;
         let (sources, coefficients) = (baked.rows.rows.len(), baked.head.basis.count());
@@ -155,7 +164,7 @@ impl Made {
             return Err(BakeError::NotReached {
                 what: "clouds.budget".into(),
                 wanted: "held-out strokes to confirm it".into(),
-                reached: "none that the virtual lights reach".into(),
+                reached: "none that the virtual lights cover".into(),
                 hint: "test_strokes above 0, or strokes in the recipe, would give some".into(),
             });
         }

@@ -1,6 +1,6 @@
 //! Rain's part of a bake: streak patterns fitted to pictures, and tables of how many there are.
 
-use super::stage::{Clock, StageOutput, input_record};
+use super::stage::{Clock, StageOutput};
 use crate::density::error_at_nodes;
 use crate::error::BakeError;
 use crate::input::Fingerprint;
@@ -8,6 +8,7 @@ use crate::input::picture::{Grey, grey_of, picture_file};
 use crate::plan::density::bake_chosen;
 use crate::plan::streaks::{COUNTS, ChosenPattern, METHODS, choose_pattern, stored_bytes};
 use crate::progress::Progress;
+use crate::provenance::input_record;
 use crate::recipe::model::{FitSettings, Rain, Recipe};
 use crate::streak::{Source, fit};
 use rayon::prelude::*;

@@ -1,10 +1,7 @@
 //! What a stage hands over.
 
-use crate::input::Fingerprint;
-use crate::recipe::model::Recipe;
 use squall_formats::container::OutSection;
 use squall_formats::section::provenance::{BudgetRecord, InputRecord};
-use std::path::Path;
 use std::time::Instant;
 
 /// One line of the closing table.
@@ -57,11 +54,4 @@ impl Clock {
     pub(super) fn report(&self, stage: &'static str, made: String, bytes: u64, error: String) -> StageReport {
         StageReport { stage, made, seconds: self.0.elapsed().as_secs_f64(), bytes, error }
     }
-}
-
-/// A file, as it was when it was read, under the name that the recipe gives it.
-pub(super) fn input_record(recipe: &Recipe, input: &Fingerprint) -> InputRecord {
-    let folder = recipe.file.parent().unwrap_or(Path::new(""));
-    let name = input.path.strip_prefix(folder).unwrap_or(&input.path).display().to_string();
-    InputRecord { name, bytes: input.bytes, hash: input.hash }
 }

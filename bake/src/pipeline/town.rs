@@ -1,9 +1,10 @@
 //! What is stored as it was given: the town, the recipe's picture, its strokes.
 
-use super::stage::{Clock, StageOutput, input_record};
+use super::stage::{Clock, StageOutput};
 use crate::error::BakeError;
 use crate::input::json::read_text_input;
 use crate::input::town::town_of;
+use crate::provenance::input_record;
 use crate::recipe::model::Recipe;
 use squall_formats::section::bolt::BoltSection;
 

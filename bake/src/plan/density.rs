@@ -367,7 +367,7 @@ mod tests {
     #[test]
     fn an_unreachable_budget_or_a_senseless_range_is_refused() {
         let spec = DensitySpec { relative_error: 1e-17, ..Default::default() };
-        assert!(bake_density(&spec).unwrap_err().to_string().contains("relative error"));
+        assert!(bake_density(&spec).unwrap_err().to_string().contains("rain.density.error"));
         let mut spec = DensitySpec::default();
         spec.ranges.rate[0].0 = 300.0;
         assert!(bake_density(&spec).unwrap_err().to_string().contains("rain.density.rate_mm_per_h"));

@@ -4,6 +4,7 @@ use crate::error::BakeError;
 use crate::evaluate::cost;
 use crate::evaluate::held_out::{grown_strokes, shifted_strokes};
 use crate::recipe::model::{Clouds, Recipe};
+use crate::response::cache::ResponseCache;
 use crate::response::{LightSpacing, WantedLights, light_grid};
 use glam::DVec3;
 use squall_runtime::relight::PointLight;
@@ -30,6 +31,8 @@ pub struct Site<'a> {
     pub bounds: [DVec3; 2],
     /// What the scene relights at once: [`cost::flashes`].
     pub flashes: Vec<Vec<PointLight>>,
+    /// Where rows may have been solved before.
+    pub cache: Option<&'a ResponseCache>,
     /// Height of the cloud's base, m.
     base: f64,
     /// The recipe's own strokes, grown.
@@ -53,7 +56,7 @@ impl<'a> Site<'a> {
         let base = occupied.map_or(cloud.origin_m.z, |at| {
             cloud.origin_m.z + cloud.shape.cell(at)[2] as f64 * cloud.cell_m[2]
         });
-        Self { recipe, clouds, cloud, bounds, flashes: cost::flashes(recipe), base, strokes }
+        Self { recipe, clouds, cloud, bounds, flashes: cost::flashes(recipe), cache: None, base, strokes }
     }
 
     /// The longest side of the bounds, m.
@@ -131,7 +134,7 @@ impl<'a> Site<'a> {
             return Err(BakeError::NotReached {
                 what: "clouds.budget".into(),
                 wanted: "a stroke to try settings on".into(),
-                reached: "none that the virtual lights reach".into(),
+                reached: "none that the virtual lights cover".into(),
                 hint: "strokes in the recipe, or larger bounds without prune, would give some".into(),
             });
         }

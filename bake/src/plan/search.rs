@@ -126,7 +126,14 @@ impl<'a> Search<'a> {
         let same = known.iter().map(|stroke| &stroke.lights).eq(strokes.iter());
         let known = same.then_some(known.as_slice());
         let sources = Sources { lights, distant: site.clouds.distant.clone() };
-        let job = Job { cloud, sources: &sources, settings: &settings, held_out: &strokes, known };
+        let job = Job {
+            cloud,
+            sources: &sources,
+            settings: &settings,
+            held_out: &strokes,
+            known,
+            cache: site.cache,
+        };
         let candidate = Candidate::new(&job, &site.flashes, &Quiet)?;
         self.known = candidate.held_out();
         progress.advance(1);

@@ -11,7 +11,6 @@ use crate::recipe::model::ResponseSettings;
 use crate::response::{HeldOutStroke, solve_held_out};
 use squall_formats::section::provenance::BudgetRecord;
 use squall_runtime::relight::PointLight;
-use squall_runtime::transport::Cloud;
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
 
@@ -77,7 +76,7 @@ pub(super) fn choose_solver(
         let first = FIRST_HELD_OUT + iteration * STROKES;
         site.strokes(&lights, spacing_m, first..first + STROKES)
     };
-    let mut search = SolverSearch::new(site.cloud, settings, &tried_on, progress)?;
+    let mut search = SolverSearch::new(site, settings, &tried_on, progress)?;
     let (chosen, got) = search.choose(asked, held_out)?;
     let neighbours = search.neighbours(chosen)?;
     let Candidate { refine, quadrature, .. } = search.candidates[chosen];
@@ -91,7 +90,7 @@ pub(super) fn choose_solver(
 
 /// Candidates by rising cost, and their errors as far as they are known.
 struct SolverSearch<'a> {
-    cloud: &'a Cloud,
+    site: &'a Site<'a>,
     settings: &'a ResponseSettings,
     candidates: Vec<Candidate>,
     /// Strokes that candidates are tried on, as the finest solves them.
@@ -104,12 +103,12 @@ struct SolverSearch<'a> {
 
 impl<'a> SolverSearch<'a> {
     fn new(
-        cloud: &'a Cloud,
+        site: &'a Site<'a>,
         settings: &'a ResponseSettings,
         strokes: &'a [Vec<PointLight>],
         progress: &'a dyn Progress,
     ) -> Result<Self, BakeError> {
-        let cells = |refine: u32| cloud.shape.len() * refine.pow(3) as usize;
+        let cells = |refine: u32| site.cloud.shape.len() * refine.pow(3) as usize;
         let finest = (1..=MOST_REFINEMENT).rev().find(|&r| cells(r) <= MOST_CELLS).unwrap_or(1);
         let mut candidates = Vec::new();
         for refine in 1..=finest {
@@ -122,7 +121,7 @@ impl<'a> SolverSearch<'a> {
         progress.begin("solver budget", candidates.len() as u64);
         let errors = vec![None; candidates.len()];
         let strokes = &strokes[..strokes.len().min(STROKES)];
-        let mut search = Self { cloud, settings, candidates, truth: Vec::new(), strokes, errors, progress };
+        let mut search = Self { site, settings, candidates, truth: Vec::new(), strokes, errors, progress };
         search.truth = search.solve(strokes, search.last())?;
         Ok(search)
     }
@@ -137,7 +136,7 @@ impl<'a> SolverSearch<'a> {
         let solve = SolveSettings { quadrature, ..self.settings.solve };
         let settings = ResponseSettings { refine, solve, ..*self.settings };
         self.progress.check()?;
-        solve_held_out(self.cloud, &settings, strokes, &Quiet)
+        solve_held_out(self.site.cloud, &settings, strokes, self.site.cache, &Quiet)
     }
 
     /// The error of a candidate on the strokes that choose.
@@ -174,7 +173,7 @@ impl<'a> SolverSearch<'a> {
                 return Err(BakeError::NotReached {
                     what: "clouds.budget.solver_l2".into(),
                     wanted: "held-out strokes to confirm the choice".into(),
-                    reached: "none that the virtual lights reach".into(),
+                    reached: "none that the virtual lights cover".into(),
                     hint: "strokes in the recipe, or larger bounds without prune, would give some".into(),
                 });
             }
@@ -219,7 +218,7 @@ impl<'a> SolverSearch<'a> {
     fn distance(&self, found: &[HeldOutStroke], truth: &[HeldOutStroke], number: u64) -> f64 {
         let seen = truth.first().map(|stroke| stroke.seen.clone()).unwrap_or_default();
         let known = |cell: usize| seen.is_empty() || seen[cell];
-        let views = Views::new(self.cloud, self.settings.view_region.as_ref(), number, known);
+        let views = Views::new(self.site.cloud, self.settings.view_region.as_ref(), number, known);
         let light = |stroke: &HeldOutStroke| views.truth(stroke, self.settings.direct).0;
         root_mean_square(found.iter().zip(truth).map(|(x, r)| views.compare(&light(x), &light(r)).l2))
     }

@@ -1,8 +1,9 @@
 //! Solving a batch of lights, and what is made of it: coefficients of rows, held-out strokes with their truth.
 
+use super::cache::{JobCache, KeptRow};
 use super::directions::{add_direct, in_26_directions};
 use super::hidden::HiddenCells;
-use super::job::HeldOutStroke;
+use super::job::{HeldOutStroke, Job};
 use super::region::ViewRegionMap;
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -24,12 +25,33 @@ use std::sync::Arc;
 /// What polynomials towards a view region are made from.
 pub(super) const SOLVED: DirectionalBasis = DirectionalBasis::Harmonics { degree: 3 };
 
-/// Lights that were solved side by side.
-pub(super) struct Batch<R> {
-    pub(super) report: BatchReport,
-    /// What each light's row became, and its coefficients where they are needed.
-    pub(super) rows: Vec<(R, Option<Vec<f32>>)>,
+/// One light's row, finished.
+pub(super) struct Row<R> {
+    /// Its number.
+    pub(super) number: u32,
+    /// What it became.
+    pub(super) value: R,
+    /// Its coefficients, where they are needed.
+    pub(super) uncoded: Option<Vec<f32>>,
+    /// Residual that was left.
+    pub(super) residual: f64,
+    /// Its own sweeps: [`BatchReport::steps`].
+    pub(super) steps: Vec<u32>,
 }
+
+/// A row to be solved: its number and its lights.
+pub(super) type Wanted<'a> = (u32, &'a [Light]);
+
+/// What becomes of rows.
+pub(super) struct Finish<'a, R> {
+    /// Which rows are needed uncoded.
+    pub(super) needed: &'a (dyn Fn(u32) -> bool + Sync),
+    /// What codes a row's planes, or keeps them.
+    pub(super) code: &'a (dyn Fn(Vec<f32>) -> R + Sync),
+}
+
+/// Sweeps that a batch has to be away from its bound for its rows to be kept: those of a batch at its bound depend on their neighbours.
+const AWAY_FROM_BOUND: u32 = 4;
 
 /// Solves rows of one response: what all its lights have in common.
 pub(super) struct RowSolver<'a> {
@@ -46,6 +68,7 @@ pub(super) struct RowSolver<'a> {
     /// Unit vectors from stored cells to the middle of the view region.
     to_viewers: Option<Vec<[f32; 3]>>,
     directions: [DVec3; 26],
+    cache: Option<JobCache<'a>>,
 }
 
 /// Memory of a thread.
@@ -60,15 +83,12 @@ pub(super) struct Work<P> {
 }
 
 impl<'a> RowSolver<'a> {
-    pub(super) fn new(
-        cloud: &'a Cloud,
-        fine: &'a Cloud,
-        solver: &'a Solver<4>,
-        settings: &'a ResponseSettings,
-    ) -> Self {
+    pub(super) fn new(job: &Job<'a>, fine: &'a Cloud, solver: &'a Solver<4>) -> Self {
+        let Job { cloud, settings, .. } = *job;
         let hidden =
             if settings.seen_only { HiddenCells::new(cloud, settings.view_region.as_ref()) } else { None };
         let seen = hidden.as_ref().map(HiddenCells::seen);
+        let cache = JobCache::new(job, seen);
         Self {
             settings,
             fine,
@@ -90,6 +110,7 @@ impl<'a> RowSolver<'a> {
                 (0..cloud.shape.len()).map(|cell| towards(cell).as_vec3().to_array()).collect()
             }),
             directions: sphere::directions_26().map(DVec3::from_array),
+            cache,
         }
     }
 
@@ -207,29 +228,61 @@ impl<'a> RowSolver<'a> {
         }
     }
 
-    /// Solves lights side by side; each row goes through `finish`, and comes along uncoded where `needed`.
+    /// Whether so many sweeps of a batch left its rows what they are without their neighbours.
+    pub(super) fn is_away_from_bound(&self, sweeps: u32) -> bool {
+        sweeps.saturating_add(AWAY_FROM_BOUND) <= self.settings.solve.max_sweeps
+    }
+
+    /// Solves rows side by side.
     pub(super) fn solve_batch<R>(
         &self,
-        lanes: &[Vec<Light>],
+        wanted: &[Wanted<'_>],
         in_rows: bool,
-        needed: impl Fn(usize) -> bool,
-        finish: &(dyn Fn(Vec<f32>) -> R + Sync),
+        finish: &Finish<'_, R>,
         work: &mut Work<F32x16>,
-    ) -> Result<Batch<R>, BakeError> {
-        let report = self.solve_lanes(lanes, in_rows, work)?;
-        let mut rows = Vec::with_capacity(lanes.len());
-        for lane in 0..lanes.len() {
-            let mut planes = self.planes(lane, in_rows, work);
-            if let Some(hidden) = &self.hidden {
-                planes.chunks_exact_mut(self.haar.len()).for_each(|plane| hidden.fill(plane));
+    ) -> Result<Vec<Row<R>>, BakeError> {
+        let lanes: Vec<Vec<Light>> = wanted.iter().map(|(_, lights)| lights.to_vec()).collect();
+        let report = self.solve_lanes(&lanes, in_rows, work)?;
+        let mut rows = Vec::with_capacity(wanted.len());
+        for (lane, (&(number, lights), steps)) in wanted.iter().zip(report.steps).enumerate() {
+            let planes = self.planes(lane, in_rows, work);
+            let residual = report.lanes[lane].residual;
+            if let Some(cache) = self.cache.as_ref().filter(|_| self.is_away_from_bound(report.sweeps)) {
+                cache.keep_row(lights, in_rows, residual, &steps, &planes);
             }
-            let kept = needed(lane).then(|| planes.clone());
-            for plane in planes.chunks_exact_mut(self.haar.len()) {
-                self.haar.forward(plane, &mut work.scratch);
-            }
-            rows.push((finish(planes), kept));
+            let (value, uncoded) = self.finish(number, planes, finish, &mut work.scratch);
+            rows.push(Row { number, value, uncoded, residual, steps });
         }
-        Ok(Batch { report, rows })
+        Ok(rows)
+    }
+
+    /// A row that was solved before, if it was.
+    pub(super) fn kept<R>(
+        &self,
+        (number, lights): Wanted<'_>,
+        in_rows: bool,
+        finish: &Finish<'_, R>,
+        scratch: &mut Vec<f32>,
+    ) -> Option<Row<R>> {
+        let KeptRow { residual, steps, values } = self.cache.as_ref()?.row(lights, in_rows)?;
+        let (value, uncoded) = self.finish(number, values, finish, scratch);
+        Some(Row { number, value, uncoded, residual, steps })
+    }
+
+    /// Fills what nobody reads, transforms and codes.
+    fn finish<R>(
+        &self,
+        number: u32,
+        mut planes: Vec<f32>,
+        finish: &Finish<'_, R>,
+        scratch: &mut Vec<f32>,
+    ) -> (R, Option<Vec<f32>>) {
+        if let Some(hidden) = &self.hidden {
+            planes.chunks_exact_mut(self.haar.len()).for_each(|plane| hidden.fill(plane));
+        }
+        let uncoded = (finish.needed)(number).then(|| planes.clone());
+        planes.chunks_exact_mut(self.haar.len()).for_each(|plane| self.haar.forward(plane, scratch));
+        ((finish.code)(planes), uncoded)
     }
 
     fn direct_to_viewers(&self, lights: &[PointLight]) -> Vec<f32> {
@@ -252,6 +305,12 @@ impl<'a> RowSolver<'a> {
             .par_iter()
             .map_init(Work::<f32>::default, |work, lights| {
                 progress.check()?;
+                let to_viewers = self.to_viewers.is_some();
+                let kept = self.cache.as_ref().and_then(|cache| cache.stroke(lights, to_viewers, &seen));
+                if let Some(stroke) = kept {
+                    progress.advance(1);
+                    return Ok(stroke);
+                }
                 let light = |l: &PointLight| Light::Point { position: l.position, intensity: l.intensity };
                 self.solve_lanes(&[lights.iter().map(light).collect()], true, work)?;
                 let mut truth = in_26_directions(&self.coefficients(0, work));
@@ -262,14 +321,18 @@ impl<'a> RowSolver<'a> {
                 progress.advance(1);
                 let direct_to_viewers = self.direct_to_viewers(lights);
                 let seen = seen.clone();
-                Ok(HeldOutStroke {
+                let stroke = HeldOutStroke {
                     lights: lights.clone(),
                     truth,
                     direct,
                     direct_to_viewers,
                     uncompressed: Vec::new(),
                     seen,
-                })
+                };
+                if let Some(cache) = &self.cache {
+                    cache.keep_stroke(&stroke, to_viewers);
+                }
+                Ok(stroke)
             })
             .collect();
         solved.into_iter().collect()

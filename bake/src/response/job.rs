@@ -1,5 +1,6 @@
 //! What a response is baked from, and what comes of it.
 
+use super::cache::ResponseCache;
 use super::grid::WantedLights;
 use crate::recipe::model::ResponseSettings;
 use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows};
@@ -30,6 +31,8 @@ pub struct Job<'a> {
     /// `held_out` with its truth where an earlier job solved for it: it depends on the cloud and on how light is solved, not on
     /// sources, basis or coding.
     pub known: Option<&'a [HeldOutStroke]>,
+    /// Where rows and strokes may have been solved before.
+    pub cache: Option<&'a ResponseCache>,
 }
 
 /// A stroke that no row was baked for, with its truth.

@@ -1,4 +1,4 @@
-//! The paper's way: threshold the discrete Fourier transform, then multiply a Gaussian. [weber] §3.1.
+//! The paper's way: threshold the discrete Fourier transform, then multiply a Gaussian. \[weber\] §3.1.
 //!
 //! Kept as it was published, wrap and ringing included, because charts compare with it. A kept pair of
 //! conjugate coefficients F at frequency (f, g), sums over pixel centres, is one cosine of amplitude

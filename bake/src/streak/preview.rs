@@ -1,4 +1,4 @@
-//! A contact sheet for eyes: each picture, its fit and their difference, side by side.
+//! A contact sheet to look at: each picture, its fit and their difference, side by side.
 
 use super::{Grey, draw};
 use squall_formats::section::streak::StreakPattern;

@@ -1,6 +1,6 @@
 //! Least squares over everything a pattern has: window, constant, frequencies and amplitudes at once.
 //!
-//! Levenberg's and Marquardt's method [marquardt] on ½ Σ (picture − W·S)², S = c + Σ a cos θ + b sin θ with
+//! Levenberg's and Marquardt's method \[marquardt\] on ½ Σ (picture − W·S)², S = c + Σ a cos θ + b sin θ with
 //! θ = 2π(f (u − ½) + g (v − ½)): measured from the middle, so that a change of frequency turns the ends and
 //! leaves the middle. A faint spring holds a and b, because terms of neighbouring frequency can otherwise
 //! grow without bound against each other, and such sums do not survive rounding.

@@ -11,7 +11,7 @@ const INCH: f64 = 25.4;
 /// Names of Bentley's classes, \[weber\] Table A.3.
 pub const CLASS_NAMES: [&str; 5] = ["very small", "small", "medium", "large", "very large"];
 
-/// Bentley's class edges, 1/50 … 1/3 inch, with the gaps between them. [bentley-1904]
+/// Bentley's class edges, 1/50 … 1/3 inch, with the gaps between them. \[bentley-1904\]
 /// The paper prints them rounded; its Table A.3 was computed from these.
 pub const CLASSES: [[Millimetres; 2]; 5] = [
     [Millimetres(INCH / 50.0), Millimetres(INCH / 30.0)],

@@ -76,7 +76,7 @@ pub struct ViewSky {
     pub haze: f64,
     /// Share of the sky under grey cloud.
     pub overcast: f64,
-    /// Thin streaky cloud, 0 none to 1 dense veil.
+    /// Thin streaky cloud, 0 none to 1 dense haze.
     pub high_cloud: f64,
     /// Irradiance of the sun outside the air, W/m² per channel.
     pub sun_irradiance_w_per_m2: [f64; 3],

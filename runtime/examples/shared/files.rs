@@ -17,7 +17,7 @@ pub fn arguments(out: &str) -> [PathBuf; 2] {
 /// Writes sRGB pixels as a binary portable pixmap, which most viewers open.
 pub fn save_ppm(path: &Path, size: &Picture, pixels: &[[u8; 3]]) -> std::io::Result<()> {
     let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
-    write!(file, "P6 {} {} 255\n", size.width, size.height)?;
+    writeln!(file, "P6 {} {} 255", size.width, size.height)?;
     file.write_all(pixels.as_flattened())?;
     file.flush()
 }

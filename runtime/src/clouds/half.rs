@@ -26,8 +26,8 @@ mod tests {
     fn value_of(bits: u16) -> f32 {
         let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
         let size = match exponent {
-            0 => fraction * 2f32.powi(-24),
-            _ => (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
+            0 => libm::ldexpf(fraction, -24),
+            _ => libm::ldexpf(1.0 + fraction / 1024.0, exponent - 15),
         };
         if bits >> 15 == 1 { -size } else { size }
     }

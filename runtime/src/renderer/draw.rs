@@ -44,6 +44,9 @@ pub(super) fn eye_height(eye: DVec3) -> f64 {
     eye.z.clamp(0.0, HIGHEST_EYE_M)
 }
 
+/// Radiance of sky and cloud along a ray.
+type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
+
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
     pub(super) fn draw(&self, frame: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
@@ -106,7 +109,7 @@ impl Scene {
         frame: &Frame,
         sky: &Sky,
         flashes: &[LitStroke],
-        (beyond, lit): (&(dyn Fn(&Ray) -> [f32; 3] + Sync), Option<CloudPicture<'_>>),
+        (beyond, lit): (&Beyond<'_>, Option<CloudPicture<'_>>),
         out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
@@ -195,7 +198,7 @@ impl Scene {
         &self,
         camera: &Camera,
         sky: &Sky,
-        beyond: &(dyn Fn(&Ray) -> [f32; 3] + Sync),
+        beyond: &Beyond<'_>,
         town: &TownFrame,
         picture: &mut Picture,
     ) {

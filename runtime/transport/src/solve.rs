@@ -173,6 +173,20 @@ pub struct BatchReport {
     pub sweeps: u32,
     /// Per lane.
     pub lanes: Vec<LaneReport>,
+    /// Sweeps that each lane was at work in, for each time that MINRES was started; they are the lane's own, whatever its neighbours
+    /// are. With [`Iteration::Source`] as if it were started once, and one fewer.
+    pub steps: Vec<Vec<u32>>,
+}
+
+/// Sweeps that lanes with these [`BatchReport::steps`] take side by side.
+pub fn sweeps_together<'a>(lanes: impl Iterator<Item = &'a [u32]>) -> u32 {
+    let mut longest: Vec<u32> = Vec::new();
+    for steps in lanes {
+        longest.resize(longest.len().max(steps.len()), 0);
+        longest.iter_mut().zip(steps).for_each(|(most, &steps)| *most = steps.max(*most));
+    }
+    // A residual before each start and behind the last, and the final gather.
+    2 + longest.len() as u32 + longest.iter().sum::<u32>()
 }
 
 /// Vectors of a solve, kept between batches so that nothing is allocated per batch.
@@ -281,6 +295,7 @@ impl<const M: usize> Solver<M> {
             }
         }
         let mut sweeps = 0;
+        let mut steps = vec![Vec::new(); P::COUNT];
         let mut scale: Option<Vec<f64>> = None;
         loop {
             let residual = run(self.settings.level, Residual { solver: self, buffers });
@@ -301,13 +316,23 @@ impl<const M: usize> Solver<M> {
             let watch: &mut dyn FnMut(f64) -> bool = &mut seen;
             if self.settings.iteration == Iteration::Source {
                 self.add_order(buffers, &residual, &goals);
+                for (lane, steps) in steps.iter_mut().enumerate() {
+                    if residual[lane] > goals[lane] && residual[lane].is_finite() {
+                        match steps.first_mut() {
+                            Some(orders) => *orders += 1,
+                            None => steps.push(0),
+                        }
+                    }
+                }
                 if !watch(worst_over(&residual, &goals)) {
                     break;
                 }
                 continue;
             }
             let round = Minres { solver: self, buffers, residual: &residual, goals: &goals, budget, watch };
-            let used = run(self.settings.level, round);
+            let worked = run(self.settings.level, round);
+            let used = worked.iter().copied().max().unwrap_or(0);
+            steps.iter_mut().zip(worked).for_each(|(steps, own)| steps.extend((own > 0).then_some(own)));
             sweeps += used;
             if used == 0 || stopped {
                 break;
@@ -334,7 +359,7 @@ impl<const M: usize> Solver<M> {
             let residual = if scale == 0.0 { 0.0 } else { left / scale };
             LaneReport { residual, converged: residual <= self.settings.tolerance }
         });
-        BatchReport { sweeps: sweeps + 1, lanes: lanes.collect() }
+        BatchReport { sweeps: sweeps + 1, lanes: lanes.collect(), steps }
     }
 
     /// Adds the order of scattering that `newest` holds, E times over, to the lanes that are above their goals.

@@ -1,6 +1,6 @@
 //! One chart as an SVG: a panel for every truth and pair of measures, one below the other.
 //!
-//! Light and dark are left to style sheets: what is drawn in [`INK`] and [`PAPER`] follows the reader's scheme.
+//! Light and dark are left to style sheets: what is drawn in `INK` and its paper follows the reader's scheme.
 
 use plotters::coord::combinators::BindKeyPoints;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};

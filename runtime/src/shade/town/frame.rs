@@ -71,6 +71,9 @@ fn shift(x: usize, y: usize) -> Vec2 {
     Vec2::new((bits >> 40) as f32, (bits >> 8 & 0xFF_FFFF) as f32) * (1.0 / 16_777_216.0)
 }
 
+/// Light of each stroke that is told apart.
+type StrokeParts<const N: usize> = [[f32; 3]; N];
+
 impl Town {
     /// Renders what `camera` sees into `frame`.
     ///
@@ -96,8 +99,8 @@ impl Town {
         (frame.width, frame.height) = (camera.width as usize, camera.height as usize);
         let (width, count) = (frame.width, frame.width * frame.height);
         frame.pixels.resize(count, SKY);
-        let mut apart = vec![[[0.0f32; 3]; N]; count];
-        let row = |(y, (row, apart)): (usize, (&mut [TownPixel], &mut [[[f32; 3]; N]]))| {
+        let mut apart: Vec<StrokeParts<N>> = vec![[[0.0; 3]; N]; count];
+        let row = |(y, (row, apart)): (usize, (&mut [TownPixel], &mut [StrokeParts<N>]))| {
             for (x, (pixel, apart)) in row.iter_mut().zip(apart).enumerate() {
                 (*pixel, *apart) = self.pixel(camera, lighting, quality, [x, y]);
             }

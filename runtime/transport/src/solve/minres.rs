@@ -6,7 +6,7 @@ use crate::lanes::{Lanes, SimdKernel};
 use fearless_simd::Simd;
 
 /// MINRES on E(I − K) e = r with r in `newest`, of norm `residual`; adds e to the solution. Ends when every lane's
-/// estimate is below its goal or `budget` sweeps are spent, and returns the sweeps used.
+/// estimate is below its goal or `budget` sweeps are spent, and returns the sweeps that each lane was at work in.
 pub(super) struct Minres<'a, P, const M: usize> {
     pub(super) solver: &'a Solver<M>,
     pub(super) buffers: &'a mut SolveBuffers<P, M>,
@@ -74,10 +74,10 @@ impl Recurrence {
 }
 
 impl<P: Lanes, const M: usize> SimdKernel for Minres<'_, P, M> {
-    type Output = u32;
+    type Output = Vec<u32>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> u32 {
+    fn run<S: Simd>(self, simd: S) -> Vec<u32> {
         let solver = self.solver;
         let SolveBuffers { faces, solution, swept, before, newest, search, search_before, .. } = self.buffers;
         let mut lanes: Vec<Recurrence> =
@@ -94,10 +94,13 @@ impl<P: Lanes, const M: usize> SimdKernel for Minres<'_, P, M> {
                 v[m] = P::store(v[m].load(simd) * unit);
             }
         }
-        let mut used = 0;
+        let (mut used, mut steps) = (0, vec![0; lanes.len()]);
         while used < self.budget && lanes.iter().any(|lane| lane.active) {
             solver.sweeper.run(solver.emission(newest), swept, faces, None);
             used += 1;
+            for (steps, lane) in steps.iter_mut().zip(&lanes) {
+                *steps += u32::from(lane.active);
+            }
             let mut alpha = Sums::new();
             for cell in 0..solution.len() {
                 let root = solver.root(cell);
@@ -150,6 +153,6 @@ impl<P: Lanes, const M: usize> SimdKernel for Minres<'_, P, M> {
                 break;
             }
         }
-        used
+        steps
     }
 }
