@@ -1,6 +1,7 @@
 //! The command from outside, one module a subject. One program for all, because each is linked with everything.
 
 mod cache;
+mod camera;
 mod chart;
 mod diff;
 mod disk;

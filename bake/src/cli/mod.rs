@@ -7,6 +7,7 @@ macro_rules! say {
 
 mod asset;
 mod bake;
+mod camera;
 mod chart;
 mod common;
 mod depfile;

@@ -1,6 +1,7 @@
 //! `squall relight ASSET --lamps LAMPS.json --camera CAMERA.json -o IMAGE [--field DIR]`
 
 use super::asset;
+use super::camera::CameraArgs;
 use super::common::Common;
 use super::folder::{OutputFolder, check_apart};
 use super::json as answer;
@@ -8,7 +9,7 @@ use super::picture::{Format, PictureFile};
 use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::fields::{Estimate, Fields, grey_picture};
-use squall_bake::input::scene::{read_camera, read_lights};
+use squall_bake::input::scene::read_lights;
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
@@ -28,9 +29,8 @@ pub struct Args {
     /// The lamps (LAMPS.json): a list of {"position_m", "intensity_W_per_sr"}.
     #[arg(long)]
     lamps: PathBuf,
-    /// The camera (CAMERA.json): one camera object of a scene.
-    #[arg(long)]
-    camera: PathBuf,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// The picture to write: .exr holds linear radiance, .png is developed for a display; - is standard output.
     #[arg(short, long, value_name = "IMAGE")]
     out: PathBuf,
@@ -76,8 +76,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let asset = asset::open(&args.asset)?;
     let mut clouds = Clouds::new(&asset)?;
     let lamps = read_lights(&args.lamps)?;
-    let (name, camera) = read_camera(&args.camera)?;
-    check_apart(&[&args.out], [&args.asset, &args.lamps, &args.camera].into_iter())?;
+    let (name, camera) = args.camera.read(&asset)?;
+    check_apart(&[&args.out], [&args.asset, &args.lamps].into_iter().chain(args.camera.files()))?;
     let mut folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
     if let Some(folder) = &mut folder {
         let all = Fields {

@@ -6,6 +6,7 @@ use super::json;
 use super::picture::{Format, PictureFile, Sheet};
 use serde_json::{Value, json};
 use squall_bake::BakeError;
+use squall_bake::input::scene::read_camera;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
@@ -14,7 +15,7 @@ use squall_formats::units::MillimetresPerHour;
 use squall_runtime::frame::tone_of;
 use squall_runtime::picture::Picture;
 use squall_runtime::renderer::FrameReport;
-use squall_runtime::{Frame, RuntimeError, StormRenderer};
+use squall_runtime::{Camera, Frame, RuntimeError, StormRenderer};
 use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
@@ -32,6 +33,9 @@ pub struct Args {
     /// A view in place of the asset's own: a TOML file with the table `view` and those under it, as in a recipe.
     #[arg(long)]
     scene: Option<PathBuf>,
+    /// A camera (CAMERA.json) in place of the view's: one camera object of a scene.
+    #[arg(long)]
+    camera: Option<PathBuf>,
     /// Rainfall intensity, mm/h.
     #[arg(long, allow_negative_numbers = true)]
     rate: Option<f64>,
@@ -80,11 +84,16 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     json::check_stdout(args.json, &[&args.out]);
     let start = std::time::Instant::now();
     let out = PictureFile::prepare(&args.out, args.format)?;
-    folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene))?;
+    folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene).chain(&args.camera))?;
     let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
-    let view = view_of(&args, &renderer)?;
+    let camera = args.camera.as_deref().map(read_camera).transpose()?;
+    let camera = camera.map(|(_, camera)| camera);
+    let view = view_of(&args, camera.as_ref(), &renderer)?;
     view.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
     let mut frame = Frame::from(&view);
+    if let Some(camera) = camera {
+        frame.camera = camera.resized(view.camera.size_px)?;
+    }
     frame.quality.town.samples = args.samples;
     let tone = tone_of(&view.tone).brighter(args.stops);
     let bars = args.common.start()?;
@@ -135,14 +144,18 @@ fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds:
 }
 
 /// The view to draw: the asset's own or a given one, with what the command line says of it.
-fn view_of(args: &Args, renderer: &StormRenderer) -> anyhow::Result<ViewSection> {
+fn view_of(args: &Args, camera: Option<&Camera>, renderer: &StormRenderer) -> anyhow::Result<ViewSection> {
     let strokes: Vec<String> = renderer.strokes().iter().map(|record| record.name.clone()).collect();
     let mut view = match (&args.scene, renderer.view()) {
         (Some(path), _) => read_view(path, &strokes)?,
         (None, Some(view)) => view.clone(),
+        (None, None) if camera.is_some() => {
+            let all = strokes.into_iter().map(|stroke| ViewFlash { stroke, brightness: 1.0 });
+            ViewSection { flashes: all.collect(), ..ViewSection::default() }
+        }
         (None, None) => {
-            let wanted = "a section VIEW, or --scene with a view";
-            return Err(BakeError::input(&args.asset, "view", wanted, "neither").into());
+            let wanted = "a section VIEW, --scene with a view, or --camera";
+            return Err(BakeError::input(&args.asset, "view", wanted, "none of them").into());
         }
     };
     if let Some(rate) = args.rate {
@@ -150,6 +163,9 @@ fn view_of(args: &Args, renderer: &StormRenderer) -> anyhow::Result<ViewSection>
     }
     if let Some(time) = args.time {
         view.rain.time_s = time;
+    }
+    if let Some(camera) = camera {
+        view.camera.size_px = [camera.width, camera.height];
     }
     if let Some([width, height]) = args.size.as_deref() {
         view.camera.size_px = [*width, *height];
