@@ -181,7 +181,7 @@ fn pictures_from_outside_the_box_and_fields_are_refused_with_the_reason() {
         assert!(error.contains("camera position") && error.contains(&outside.to_string()), "{error}");
     }
     let error = shown(DVec3::new(0.0, 0.0, 2.0), true).unwrap_err();
-    assert!(error.contains("fields") && error.contains("towards eyes alone"), "{error}");
+    assert!(error.contains("fields") && error.contains("towards its view region alone"), "{error}");
     let flat = Projection::Orthographic { half_width: 100.0, half_height: 100.0 };
     let flat = Camera::new(DVec3::ZERO, DVec3::Y, DVec3::Z, flat, [4, 4]).unwrap();
     let error = clouds.relighter().check_camera(&flat).unwrap_err().to_string();
