@@ -26,7 +26,7 @@ fn a_camera_file_draws_what_the_view_of_the_same_camera_draws_and_rolls_by_its_u
     let lamps = r#"[{"position_m": [0, 0, 600], "intensity_W_per_sr": 1000}]"#;
     std::fs::write(place.path("lamps.json"), lamps).unwrap();
     let drawn = |words: &[&str]| {
-        let (code, _, said) = place.squall(&[words, &["-o", "p.png"]].concat());
+        let (code, _, said) = place.squall(&[words, &["-o", "p.exr"]].concat());
         assert_eq!(code, 0, "{words:?}: {said}");
         read_grey(&place.path("p.exr")).unwrap().pixels
     };

@@ -69,6 +69,10 @@ pub struct Town {
 /// Rays start this far off a surface, relative to their distance from the origin, so as not to meet it again.
 const LIFT: f32 = 2e-5;
 
+/// Ground farther than this is behind every horizon; the fourth power of a distance, which light from points takes, would leave
+/// single precision soon after.
+const FARTHEST_GROUND_M: f32 = 1e9;
+
 impl Town {
     /// Prepares a section that was read (and so checked).
     pub fn new(section: &TownSection) -> Self {
@@ -92,7 +96,7 @@ impl Town {
         let mut nearest = limit;
         if direction.z < 0.0 && origin.z > 0.0 {
             let distance = -origin.z / direction.z;
-            if distance < nearest {
+            if distance < nearest.min(FARTHEST_GROUND_M) {
                 (nearest, found) = (distance, Some((Vec3::Z, Thing::Ground)));
             }
         }

@@ -205,6 +205,7 @@ impl Town {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shade::town::light::{GlowLight, SceneLight};
     use crate::shade::town::tests::small_town;
     use squall_formats::units::Radians;
 
@@ -241,6 +242,27 @@ mod tests {
         let planar = wanted * ray.direction.dot(camera.forward);
         assert!((f64::from(bottom.depth) / planar - 1.0).abs() < 1e-5);
         assert!(frame.pixels.iter().all(|p| p.radiance.iter().all(|v| v.is_finite() && *v >= 0.0)));
+    }
+
+    #[test]
+    fn rays_along_the_horizon_see_finite_light_however_flat_they_are() {
+        let town = small_town();
+        let glow = GlowLight { centre: Vec3::new(0.0, 9e3, 4e3), radius: 2e3, radiance: [1.0; 3] };
+        let bolt = SceneLight { position: Vec3::new(50.0, 3e3, 900.0), intensity: [1e6; 3], visibility: 1.0 };
+        let lighting = Lighting { points: &[bolt], images: &[bolt], glows: &[glow], ..lighting() };
+        for power in 0..40 {
+            // Beside the tower, downwards and upwards.
+            for down in [1.0, -1.0, 0.0] {
+                let way = DVec3::new(-1.0, 1.0, -down * libm::pow(10.0, -f64::from(power)));
+                let projection = Projection::Perspective { vertical_fov: Radians(1e-3) };
+                let camera =
+                    Camera::new(DVec3::new(0.0, -20.0, 3.0), way, DVec3::Z, projection, [1, 1]).unwrap();
+                let mut frame = TownFrame::default();
+                town.render(&camera, &lighting, Quality { samples: 1, facets: 3 }, &mut frame);
+                let seen = &frame.pixels[0];
+                assert!(seen.radiance.iter().all(|v| v.is_finite() && *v >= 0.0), "{way}: {seen:?}");
+            }
+        }
     }
 
     #[test]
