@@ -163,8 +163,6 @@ pub fn relight(
     progress.begin("image", u64::from(camera.height));
     let lit = InScattered { direct: &direct, ..light.in_scattered() };
     let image = picture(relighter, &lit, &exact_lights, camera, progress)?;
-    // A codec's error may leave a dark pixel below zero; radiance is not.
-    let image: Vec<f32> = image.into_iter().map(|value| value.max(0.0)).collect();
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
     let report = RelitReport {
         lights: lights.len(),
@@ -291,7 +289,7 @@ fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera)
     j
 }
 
-/// The picture: radiance per pixel.
+/// The picture: radiance per pixel, never negative.
 fn picture(
     relighter: &Relighter,
     lit: &InScattered<'_>,
@@ -313,7 +311,7 @@ fn picture(
             Some(j)
         }
     };
-    Sampling::new(camera, cloud, lights).picture(progress, |x, y, width| {
+    let image = Sampling::new(camera, cloud, lights).picture(progress, |x, y, width| {
         let ray = WideRay::new(camera.ray(x, y), camera.projection, width);
         match &even {
             Some(j) => march.march(&ray, |point| f64::from(between(cloud, j, point))),
@@ -327,5 +325,7 @@ fn picture(
             }
         }
         .radiance
-    })
+    })?;
+    // A codec's error may leave a dark pixel below zero; radiance is not.
+    Ok(image.into_iter().map(|value| value.max(0.0)).collect())
 }

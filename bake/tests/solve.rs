@@ -354,7 +354,7 @@ fn bad_input_is_one_line_that_names_file_field_wanted_and_found() {
     refused(&write_scene(folder.path(), &twice, &density()), "a name of its own");
     let mut dense = scene();
     dense["kappa_per_m"] = json!(1e10);
-    refused(&write_scene(folder.path(), &dense, &density()), "kappa_per_m: wanted 0 to 100");
+    refused(&write_scene(folder.path(), &dense, &density()), "extinction: wanted at most 100000, 1/m");
     dense["kappa_per_m"] = json!(10.0);
     let good = write_scene(folder.path(), &dense, &[1e30; CELLS]);
     refused(&good, "extinction: wanted cells of optical depth up to 10000");

@@ -90,7 +90,7 @@ fn bad_pictures_and_settings_have_one_clear_error() {
     for (file, words) in [(&black, "some light"), (&text, "PNG or OpenEXR"), (&cut, "whole"), (&none, "open")]
     {
         let (code, out, error) = squall(&["streaks", "fit", good, file.to_str().unwrap(), "--json"]);
-        assert_eq!((code, out.as_str()), (3, ""), "{error}");
+        assert!(code == 3 && !out.contains("psnr_db"), "{out} {error}");
         assert!(error.contains(words) && error.contains(file.to_str().unwrap()), "{error}");
         assert_eq!(error.trim_end().lines().count(), 1, "{error}");
     }

@@ -84,7 +84,6 @@ pub use error::RuntimeError;
 pub use frame::{Flash, Frame};
 pub use load::Asset;
 pub use rain::{Rain, Weather};
-pub use relight::PointLight;
 pub use renderer::StormRenderer;
 pub use stroke::Stroke;
 

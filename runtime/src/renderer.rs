@@ -3,6 +3,7 @@
 mod channel;
 mod draw;
 mod light;
+mod lit_stroke;
 mod rain;
 mod town;
 

@@ -76,7 +76,7 @@ impl Tally for Fluence {
 /// ```
 /// use glam::DVec3;
 /// use squall_formats::GridShape;
-/// use squall_runtime::PointLight;
+/// use squall_runtime::relight::PointLight;
 /// use squall_runtime::single_scatter::{DirectSettings, add_direct};
 /// use squall_runtime::transport::{Boundary, Cloud};
 ///

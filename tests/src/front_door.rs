@@ -14,6 +14,7 @@ use squall_formats::units::{MillimetresPerHour, Seconds};
 use squall_runtime::clouds::{CloudLight, Viewer};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::direct::Light;
+use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::{Asset, Camera, Clouds, Flash, Frame, RuntimeError, StormRenderer, Stroke};
 use std::sync::Arc;
 
@@ -77,6 +78,7 @@ fn strokes_with_other_seeds_light_the_sample_storm_all_of_them() {
             from_rows += usize::from(stroke.lights(0.0).iter().all(|light| clouds.is_lit(light.position)));
             clouds.radiance(&[Flash::own(stroke)], DVec3::new(-1.5, 0.0, 2.4), &mut cells).unwrap();
             lit += usize::from(cells.iter().any(|cell| cell[0] > 0.0));
+            println!("{} with another seed, round {number}: {lit} lit so far", record.name);
         }
     }
     println!("{lit} of 24 light the storm; {from_rows} from rows alone");
@@ -212,7 +214,7 @@ const LAMPS: [[f64; 3]; 3] = [[210.0, -130.0, -150.0], [-175.0, 225.0, -5.0], [-
 
 #[test]
 fn fluence_is_that_of_a_solve_in_the_mean_and_never_negative() {
-    /// Three per cent: light between virtual point lights, the codec, and a coarser grid together.
+    /// Three per cent: light between virtual point lights, and the codec.
     const MEAN: f64 = 0.03;
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene.json");
@@ -222,14 +224,26 @@ fn fluence_is_that_of_a_solve_in_the_mean_and_never_negative() {
         "density_file": "layer32.f32", "kappa_per_m": 0.03, "albedo": 0.999, "g": 0.5}"#;
     std::fs::write(&scene, text).unwrap();
     let recipe = folder.path().join("recipe.toml");
-    let text = "[clouds]\nscene = \"scene.json\"\n[clouds.lightning]\nlow_m = [-225.0, -175.0, -175.0]\n\
-        high_m = [225.0, 275.0, 125.0]\nspacing_m = 75.0\nlongest_m = 75.0\n[clouds.transport]\ndirections = \"2x8\"\n\
-        refine = 1\n[clouds.response]\nchannels = \"harmonics-1\"\ndirect = \"run-time\"\nerror = 0.02\ntest_strokes = 0\n";
+    // Virtual point lights 25 m apart around the lamps alone: sparks there are what the grid is pruned to.
+    let mut text = "[clouds]\nscene = \"scene.json\"\n[clouds.lightning]\nlow_m = [-225.0, -175.0, -175.0]\n\
+        high_m = [225.0, 275.0, 125.0]\nspacing_m = 25.0\nlongest_m = 25.0\nprune = true\n[clouds.transport]\n\
+        directions = \"2x8\"\nrefine = 3\n[clouds.response]\nchannels = \"harmonics-1\"\ndirect = \"run-time\"\n\
+        error = 0.02\ntest_strokes = 0\n"
+        .to_owned();
+    for (number, [x, y, z]) in LAMPS.into_iter().enumerate() {
+        text += &format!(
+            "[[strokes]]\nname = \"{number}\"\nseed = 1\nfrom_m = [{x:?}, {y:?}, {z:?}]\nto_m = [{:?}, {y:?}, {z:?}]\n\
+             intensity_W_per_sr = 1.0\n",
+            x + 2.0
+        );
+    }
     std::fs::write(&recipe, text).unwrap();
     let baked = asset(&pipeline::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap().sections);
     let mut clouds = Clouds::new(&baked).unwrap();
     let cloud = read_scene(&scene, Optics::default()).unwrap().cloud;
-    let settings = TruthSettings { high_degree: false, ..TruthSettings::default() };
+    // On the rows' own solve grid and directions: with `squall solve`'s defaults the third lamp's mean is 3.4 % off, by those.
+    let mut settings = TruthSettings { refine: 3, high_degree: false, ..TruthSettings::default() };
+    settings.solve.quadrature = Quadrature::DoubleGauss { polar: 2, azimuths: 8 };
     for position in LAMPS.map(DVec3::from_array) {
         let truth = solve_light(&cloud, Light::Point { position, intensity: 1.0 }, &[], &settings, &Quiet);
         let fields = Fields::of_truth(&truth.unwrap(), &[], &Quiet).unwrap();

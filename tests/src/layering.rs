@@ -1,8 +1,8 @@
 //! Dependencies run one way: formats ← transport ← runtime ← bake; and what the runtime drags along is little.
 
-use crate::{root, skip};
+use crate::root;
 use serde_json::Value;
-use std::path::Path;
+use std::ffi::{OsStr, OsString};
 use std::process::Command;
 
 /// What the runtime needs at most, everything optional included.
@@ -29,7 +29,8 @@ const LICENCES: [&str; 11] = [
     "Zlib",
 ];
 
-fn cargo() -> Command {
+/// A command of cargo in the workspace.
+pub fn cargo() -> Command {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()));
     // What this test was built with must not leak into builds that it starts.
     for (name, _) in std::env::vars_os() {
@@ -42,8 +43,13 @@ fn cargo() -> Command {
     cargo
 }
 
-fn rustc(arguments: &[&str]) -> String {
-    let rustc = std::env::var_os("RUSTC").unwrap_or("rustc".into());
+/// The rustc that cargo uses here.
+pub fn usual_rustc() -> OsString {
+    std::env::var_os("RUSTC").unwrap_or("rustc".into())
+}
+
+/// What `rustc` says to `arguments`.
+pub fn rustc(rustc: &OsStr, arguments: &[&str]) -> String {
     let output = Command::new(rustc).args(arguments).current_dir(root()).output().unwrap();
     String::from_utf8(output.stdout).unwrap().trim().to_owned()
 }
@@ -79,9 +85,10 @@ fn dependencies_run_from_bake_to_runtime_to_transport_to_formats_and_never_back(
     assert_eq!(own("squall-formats"), [""; 0]);
     assert_eq!(own("squall-transport"), ["squall-formats"]);
     assert_eq!(own("squall-runtime"), ["squall-formats", "squall-transport"]);
+    assert_eq!(own("squall-wasm"), ["squall-runtime"]);
     assert_eq!(own("squall-bake"), ["squall-formats", "squall-runtime"]);
     assert_eq!(own("squall-tests"), ["squall-bake", "squall-formats", "squall-runtime"]);
-    assert_eq!(workspace["packages"].as_array().unwrap().len(), 5);
+    assert_eq!(workspace["packages"].as_array().unwrap().len(), 6);
 }
 
 #[test]
@@ -122,7 +129,7 @@ fn a_runtime_that_only_reads_and_shades_is_built_without_the_solver() {
 
 #[test]
 fn every_dependency_may_ship_under_our_licences() {
-    let host = rustc(&["-vV"]);
+    let host = rustc(&usual_rustc(), &["-vV"]);
     let host = host.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
     let all = metadata(&["--filter-platform", host]);
     let used: Vec<&str> =
@@ -145,21 +152,4 @@ fn every_dependency_may_ship_under_our_licences() {
     for (file, words) in [("LICENSE-MIT", "MIT License"), ("LICENSE-APACHE", "Version 2.0, January 2004")] {
         assert!(std::fs::read_to_string(root().join(file)).unwrap().contains(words), "{file}");
     }
-}
-
-#[test]
-fn the_runtime_builds_for_wasm32_without_map_and_threads() {
-    let target = "wasm32-unknown-unknown";
-    let library = rustc(&["--print", "target-libdir", "--target", target]);
-    if library.is_empty() || !Path::new(&library).is_dir() {
-        return skip("SQUALL_REQUIRE_WASM", "no wasm32 target");
-    }
-    // A folder of its own, since whoever runs the tests may hold the lock of the usual one.
-    let output = cargo()
-        .args(["check", "--locked", "--offline", "--quiet", "-p", "squall-runtime", "--no-default-features"])
-        .args(["--target", target, "--target-dir"])
-        .arg(root().join("target/wasm32"))
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

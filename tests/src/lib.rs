@@ -82,4 +82,6 @@ mod truth;
 #[cfg(test)]
 mod view_region;
 #[cfg(test)]
+mod wasm;
+#[cfg(test)]
 mod words;

@@ -13,7 +13,7 @@ use squall_bake::input::scene::read_lights;
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
-use squall_bake::relit::{DirectFrom, relight};
+use squall_bake::relit::{DirectFrom, RelitReport, relight};
 use squall_runtime::Clouds;
 use squall_runtime::tone::Tone;
 use std::io::Write;
@@ -96,18 +96,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let (fields, report) = relight(&mut clouds, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
     bars.finish();
     bars.check()?;
-    if let Some(live) = report.live {
-        let [low, high] = clouds.bounds();
-        eprintln!(
-            "note: {} of {} lamps lie outside what was baked ({:.1} % of the box from {low} to {high} m); solved for on the \
-             spot, {} sweeps, {:.2} s",
-            report.lights_outside,
-            report.lights,
-            100.0 * clouds.share_lit(),
-            live.sweeps,
-            live.seconds
-        );
-    }
+    note_live(&report, &clouds);
     let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
@@ -153,6 +142,21 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     summary["picture"] = json!(args.out.to_string_lossy());
     summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
     answer::answer(&summary)
+}
+
+/// Says what was solved for on the spot, if anything was.
+fn note_live(report: &RelitReport, clouds: &Clouds) {
+    let Some(live) = report.live else { return };
+    let [low, high] = clouds.bounds();
+    eprintln!(
+        "note: {} of {} lamps lie outside what was baked ({:.1} % of the box from {low} to {high} m); solved for on the spot, {} \
+         sweeps, {:.2} s",
+        report.lights_outside,
+        report.lights,
+        100.0 * clouds.share_lit(),
+        live.sweeps,
+        live.seconds
+    );
 }
 
 fn exposure(text: &str) -> Result<f32, String> {

@@ -3,6 +3,7 @@ use super::json;
 use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::provenance::tool;
+use squall_formats::ReadError;
 use squall_runtime::{RuntimeError, verify};
 use std::path::PathBuf;
 
@@ -27,7 +28,7 @@ impl Args {
 /// Exits 1 when the asset is damaged; a file that is no asset, or one of a newer version, is bad input and exits 3.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let done =
-        super::asset::open_directory(&args.asset).and_then(|asset| verify::verify(&asset)).map_err(evaluate);
+        super::asset::open_directory(&args.asset).and_then(|asset| verify::verify(&asset)).map_err(as_damage);
     if args.json {
         let mut answer =
             json!({ "command": "verify", "tool": tool(), "asset": args.asset.to_string_lossy() });
@@ -67,8 +68,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     super::table::print(&line)
 }
 
-fn evaluate(error: RuntimeError) -> BakeError {
+/// An asset that came to harm, apart from one that this build cannot read. A section that another one stands on is missing only
+/// where somebody took it out.
+fn as_damage(error: RuntimeError) -> BakeError {
     match &error {
+        RuntimeError::Asset { source: ReadError::Missing { .. }, .. } => BakeError::Damaged(error),
         RuntimeError::Asset { source, .. } if source.is_damage() => BakeError::Damaged(error),
         _ => BakeError::Asset(error),
     }

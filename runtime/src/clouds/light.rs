@@ -142,15 +142,23 @@ impl CloudLight {
     pub fn fluence(&self, out: &mut [f32]) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
         check_fluence(self.basis)?;
-        let (lit, known) = (self.in_scattered(), self.relighter.known_cells());
-        for (cell, value) in out.iter_mut().enumerate() {
-            // A codec's error may leave a dark cell below zero; fluence is not.
-            *value = lit.fluence(cell).max(0.0);
-        }
+        let lit = self.in_scattered();
         let relighter = &self.relighter;
-        let (cloud, scale) = (relighter.cloud(), relighter.extinction_scale());
-        add_direct_fluence(cloud, scale, &self.direct, self.settings(), out);
-        out.iter_mut().zip(known).filter(|(_, known)| !known).for_each(|(value, _)| *value = 0.0);
+        out.fill(0.0);
+        add_direct_fluence(
+            relighter.cloud(),
+            relighter.extinction_scale(),
+            &self.direct,
+            self.settings(),
+            out,
+        );
+        let known = relighter.known_cells();
+        for (cell, value) in out.iter_mut().enumerate() {
+            // A codec's error may leave a dark cell below zero; fluence is not. Cut off with the direct light there, it moves the
+            // mean least.
+            let whole = (*value + lit.fluence(cell)).max(0.0);
+            *value = if known[cell] { whole } else { 0.0 };
+        }
         Ok(())
     }
 

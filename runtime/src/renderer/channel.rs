@@ -1,6 +1,6 @@
 //! Lightning channels: as lines of light in the picture, and as points that light the town and stand in its water.
 
-use super::draw::{CLOUD_M, LitStroke, eye_height};
+use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;

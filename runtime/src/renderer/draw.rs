@@ -8,6 +8,7 @@
 //! 4. The rain's medium, in front of it the channels of strokes in sight, dimmed by what rain is between ([`super::channel`]).
 //! 5. The rain's streaks ([`super::rain`]).
 
+use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::{FrameReport, Memory, Scene, channel, light, rain, town};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
@@ -20,18 +21,15 @@ use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::Sky;
 use crate::shade::town::frame::TownFrame;
-use crate::shade::town::light::{Lighting, StrokeLights};
+use crate::shade::town::light::Lighting;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::sync::Arc;
 
-/// Heights of the middle of what stands around the eye, and of a cloud, that clear air is looked through to, m.
+/// Height of the middle of what stands around the eye, that clear air is looked through to, m.
 const TOWN_M: f64 = 10.0;
-pub(super) const CLOUD_M: f64 = 4_000.0;
-/// Highest eye that clear air's density is known for, m.
-const HIGHEST_EYE_M: f64 = 1e5;
 /// The mirrors' map: half its width, its top, columns and rows.
 const MIRROR_HALF_WIDTH: f64 = 1.1;
 const MIRROR_TOP: f64 = 1.2;
@@ -39,12 +37,7 @@ const MIRROR_SIZE: [usize; 2] = [400, 240];
 /// Beyond this distance the town's ground is as far as the air goes, m.
 const FARTHEST_GROUND_M: f32 = 4e4;
 
-/// Height of an eye above the ground (z = 0), m.
-pub(super) fn eye_height(eye: DVec3) -> f64 {
-    eye.z.clamp(0.0, HIGHEST_EYE_M)
-}
-
-/// Radiance of sky and cloud along a ray.
+/// Radiance of sky and cloud along a ray, W/(m² sr).
 type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
@@ -239,23 +232,7 @@ impl<'a> Clouds<'a> {
     }
 }
 
-/// A stroke that flashes.
-pub(super) struct LitStroke {
-    pub stroke: Arc<Stroke>,
-    /// Colour times brightness.
-    pub scale: [f32; 3],
-    /// The stroke as points around the eye, of brightness 1 in white.
-    pub lights: StrokeLights,
-}
-
-impl LitStroke {
-    /// Radiant intensity per colour of a piece of the stroke, W/sr.
-    pub fn intensity(&self, intensity: f64) -> [f32; 3] {
-        self.scale.map(|band| (f64::from(band) * intensity) as f32)
-    }
-}
-
-/// Lays a cloud over the sky behind it, through the clear air in front of it.
+/// Composites a cloud over the sky behind it, through the clear air in front of it.
 fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
     if cloud.transmittance == 1.0 {
         return;

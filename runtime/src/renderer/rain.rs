@@ -2,7 +2,7 @@
 
 use super::Memory;
 use super::channel::irradiance_at;
-use super::draw::LitStroke;
+use super::lit_stroke::LitStroke;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;

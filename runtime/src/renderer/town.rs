@@ -1,7 +1,7 @@
 //! The town in a picture. What a stroke of brightness 1 does to it is kept while camera, sky and town stand still: shadows and images
 //! in the water then cost nothing in a flash's later frames.
 
-use super::draw::LitStroke;
+use super::lit_stroke::LitStroke;
 use crate::camera::Camera;
 use crate::frame::Frame;
 use crate::shade::sky::SkyParameters;

@@ -288,12 +288,7 @@ impl<const M: usize> Solver<M> {
         assert_eq!(direct.len(), count);
         buffers.reset(count);
         let units = units(direct);
-        for (cell, (to, from)) in buffers.direct.iter_mut().zip(direct).enumerate() {
-            let root = self.root(cell);
-            for m in 0..M {
-                to[m] = P::from_fn(|lane| from[m].lane(lane) * units[lane] * root[m]);
-            }
-        }
+        self.take_direct(direct, &units, buffers);
         let mut sweeps = 0;
         let mut steps = vec![Vec::new(); P::COUNT];
         let mut scale: Option<Vec<f64>> = None;
@@ -360,6 +355,16 @@ impl<const M: usize> Solver<M> {
             LaneReport { residual, converged: residual <= self.settings.tolerance }
         });
         BatchReport { sweeps: sweeps + 1, lanes: lanes.collect(), steps }
+    }
+
+    /// Direct light into the solver's own units and form.
+    fn take_direct<P: Lanes>(&self, direct: &[[P; M]], units: &[f32], buffers: &mut SolveBuffers<P, M>) {
+        for (cell, (to, from)) in buffers.direct.iter_mut().zip(direct).enumerate() {
+            let root = self.root(cell);
+            for m in 0..M {
+                to[m] = P::from_fn(|lane| from[m].lane(lane) * units[lane] * root[m]);
+            }
+        }
     }
 
     /// Adds the order of scattering that `newest` holds, E times over, to the lanes that are above their goals.
