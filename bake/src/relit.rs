@@ -68,7 +68,7 @@ pub struct RelitReport {
     pub sources: usize,
     /// Smallest and largest corner of the box in which lamps can be relit, m; parts of it may not have been baked.
     pub reach_m: [[f64; 3]; 2],
-    /// `rows` or `lights`.
+    /// `rows` or `lamps`.
     pub direct: &'static str,
     /// Weights, sum over rows and inverse transforms, ms. The first time rows are read, checksums included.
     pub relight_ms: f64,

@@ -286,7 +286,8 @@ fn every_command_stops_at_once_and_leaves_nothing() {
     interrupted(&solve, folder.path(), "-HUP", second);
     let photons = [&solve[..6], &["--method", "monte-carlo", "--samples", "1000000000"]].concat();
     interrupted(&photons, folder.path(), "-INT", second);
-    let render = ["render", "a.squall", "-o", "new.png", "--size", "8000", "6000", "--samples", "8"];
+    let render =
+        ["render", "a.squall", "-o", "new.png", "--size", "8000", "6000", "--samples", "8", "--rate", "0"];
     interrupted(&render, folder.path(), "-TERM", second);
     interrupted(
         &["chart", "storm.toml", "-o", "charts", "--only", "transport"],

@@ -356,7 +356,8 @@ fn bad_input_is_one_line_that_names_file_field_wanted_and_found() {
     dense["kappa_per_m"] = json!(1e10);
     refused(&write_scene(folder.path(), &dense, &density()), "extinction: wanted at most 100000, 1/m");
     dense["kappa_per_m"] = json!(10.0);
-    let good = write_scene(folder.path(), &dense, &[1e30; CELLS]);
+    refused(&write_scene(folder.path(), &dense, &[1e30; CELLS]), "extinction: wanted at most 100000, 1/m");
+    let good = write_scene(folder.path(), &dense, &[9e3; CELLS]);
     refused(&good, "extinction: wanted cells of optical depth up to 10000");
     for (bad, words) in [(f32::NAN, "value 7"), (f32::INFINITY, "value 7"), (-0.5, "value 7")] {
         let mut grid = density();

@@ -24,7 +24,7 @@ pub use light::{CloudLight, LiveReport, Viewer};
 use crate::error::RuntimeError;
 use crate::frame::Flash;
 use crate::load::Asset;
-use crate::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
+use crate::relight::{BRIGHTEST, PointLight, RelightBuffers, RelightOptions, Relighter};
 use crate::single_scatter::DirectSettings;
 use crate::stroke::Strokes;
 use crate::transport::Cloud;
@@ -152,9 +152,12 @@ impl Clouds {
     ) -> Result<CloudLight, RuntimeError> {
         let (inside, outside): (Vec<PointLight>, Vec<PointLight>) =
             lights.iter().partition(|light| self.relighter.reaches(light.position));
-        if let Some(light) = outside.iter().find(|l| !(l.position.is_finite() && l.intensity.is_finite())) {
+        // Written so that NaN is refused too.
+        let usable = |l: &&PointLight| l.position.is_finite() && l.intensity.abs() <= BRIGHTEST;
+        if let Some(light) = outside.iter().find(|light| !usable(light)) {
             let found = format!("{} with {} W/sr", light.position, light.intensity);
-            return Err(RuntimeError::argument("point light", "finite numbers", found));
+            let wanted = format!("a finite place and at most {BRIGHTEST:e} W/sr");
+            return Err(RuntimeError::argument("point light", wanted, found));
         }
         let relit = self.relighter.relight(&inside, RelightOptions::default(), &mut self.buffers)?;
         let (basis, planes) = (relit.basis, relit.planes.to_vec());

@@ -96,7 +96,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let (fields, report) = relight(&mut clouds, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
     bars.finish();
     bars.check()?;
-    note_live(&report, &clouds);
+    if let Some(note) = note_live(&report, &clouds) {
+        bars.say(&note);
+    }
     let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
@@ -144,11 +146,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     answer::answer(&summary)
 }
 
-/// Says what was solved for on the spot, if anything was.
-fn note_live(report: &RelitReport, clouds: &Clouds) {
-    let Some(live) = report.live else { return };
+/// What was solved for on the spot, in words, if anything was.
+fn note_live(report: &RelitReport, clouds: &Clouds) -> Option<String> {
+    let live = report.live?;
     let [low, high] = clouds.bounds();
-    eprintln!(
+    Some(format!(
         "note: {} of {} lamps lie outside what was baked ({:.1} % of the box from {low} to {high} m); solved for on the spot, {} \
          sweeps, {:.2} s",
         report.lights_outside,
@@ -156,7 +158,7 @@ fn note_live(report: &RelitReport, clouds: &Clouds) {
         100.0 * clouds.share_lit(),
         live.sweeps,
         live.seconds
-    );
+    ))
 }
 
 fn exposure(text: &str) -> Result<f32, String> {

@@ -38,6 +38,14 @@ pub(super) fn scattered(
     Ok((live.coefficients, LiveReport { sweeps: live.sweeps, residual: live.residual }))
 }
 
+/// The points of one solve cell. What takes light away counts for their place as what adds some does.
+#[derive(Default)]
+struct Gathered {
+    intensity: f64,
+    size: f64,
+    moment: DVec3,
+}
+
 fn gathered(relighter: &Relighter, lights: &[PointLight]) -> Vec<PointLight> {
     if lights.len() <= 1 {
         return lights.to_vec();
@@ -45,13 +53,15 @@ fn gathered(relighter: &Relighter, lights: &[PointLight]) -> Vec<PointLight> {
     let cloud = relighter.cloud();
     let refine = relighter.response().head.solver.refine.map(f64::from);
     let edge = DVec3::from_array(cloud.cell_m) / DVec3::from_array(refine);
-    let mut cells: BTreeMap<[i64; 3], (f64, DVec3)> = BTreeMap::new();
+    let mut cells: BTreeMap<[i64; 3], Gathered> = BTreeMap::new();
     for light in lights {
         let at = ((light.position - cloud.origin_m) / edge).floor();
-        let (sum, moment) = cells.entry([at.x as i64, at.y as i64, at.z as i64]).or_default();
-        *sum += light.intensity;
-        *moment += light.intensity * light.position;
+        let cell = cells.entry([at.x as i64, at.y as i64, at.z as i64]).or_default();
+        cell.intensity += light.intensity;
+        cell.size += light.intensity.abs();
+        cell.moment += light.intensity.abs() * light.position;
     }
-    let whole = cells.into_values().filter(|(intensity, _)| *intensity > 0.0);
-    whole.map(|(intensity, moment)| PointLight { position: moment / intensity, intensity }).collect()
+    let whole = cells.into_values().filter(|cell| cell.size > 0.0);
+    let light = |cell: Gathered| PointLight { position: cell.moment / cell.size, intensity: cell.intensity };
+    whole.map(light).collect()
 }
