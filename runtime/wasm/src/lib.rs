@@ -170,8 +170,9 @@ mod tests {
     #[test]
     fn a_refused_call_says_why_leaves_no_values_and_the_next_one_is_answered() {
         let mut session = opened(GOLDEN);
-        assert_eq!(session.fluence(DVec3::new(1e6, 0.0, 0.0), 1e6), 0);
-        assert!(session.error().contains("point light's position"), "{}", session.error());
+        // Nowhere at all: of a place that was not baked the words depend on whether the runtime can solve live.
+        assert_eq!(session.fluence(DVec3::NAN, 1e6), 0);
+        assert!(session.error().contains("point light"), "{}", session.error());
         assert_eq!(session.radiance(LIT, f64::NAN, VIEWER), 0);
         assert!(session.error().contains("intensity") && session.values().is_empty());
         assert_eq!((session.fluence(LIT, 1e6), session.error()), (288, ""));
