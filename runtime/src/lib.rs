@@ -77,6 +77,7 @@ pub mod single_scatter;
 pub mod stroke;
 pub mod tone;
 pub mod verify;
+pub mod world;
 
 pub use camera::Camera;
 pub use clouds::Clouds;
@@ -86,6 +87,7 @@ pub use load::Asset;
 pub use rain::{Rain, Weather};
 pub use renderer::StormRenderer;
 pub use stroke::Stroke;
+pub use world::WorldLight;
 
 pub use glam;
 pub use squall_formats as formats;
