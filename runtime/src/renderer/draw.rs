@@ -9,13 +9,13 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
-use super::{FrameReport, Memory, Scene, channel, light, rain, town};
+use super::{FrameReport, Memory, Scene, channel, light, rain, town, world};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::{Rain, Surroundings};
+use crate::rain::Rain;
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
@@ -24,6 +24,7 @@ use crate::shade::town::frame::TownFrame;
 use crate::shade::town::light::Lighting;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
+use crate::world::WorldLight;
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::sync::Arc;
@@ -38,7 +39,7 @@ const MIRROR_SIZE: [usize; 2] = [400, 240];
 const FARTHEST_GROUND_M: f32 = 4e4;
 
 /// Radiance of sky and cloud along a ray, W/(m² sr).
-type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
+pub(super) type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
@@ -85,15 +86,17 @@ impl Scene {
             }
             light
         };
+        let around = world::look_around(eye, &beyond);
         self.render_town(
             frame,
             sky,
             &flashes,
-            (&beyond, clouds.marched(&memory.flash_cells)),
+            (&beyond, &around, clouds.marched(&memory.flash_cells)),
             &mut memory.town,
         );
         self.compose(camera, sky, &beyond, memory.town.frame(), &mut memory.picture);
-        self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
+        let light = world::light_of(&around, world::sun_of(sky, frame));
+        self.draw_rain(frame, (sky, &light), &flashes, memory, &mut report)?;
         Ok(report)
     }
 
@@ -103,7 +106,7 @@ impl Scene {
         frame: &Frame,
         sky: &Sky,
         flashes: &[LitStroke],
-        (beyond, lit): (&Beyond<'_>, Option<CloudPicture<'_>>),
+        (beyond, around, lit): (&Beyond<'_>, &Environment, Option<CloudPicture<'_>>),
         out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
@@ -112,6 +115,7 @@ impl Scene {
         let window = EnvironmentWindow {
             heading: heading_of(camera),
             half_width: Radians(MIRROR_HALF_WIDTH),
+            bottom: Radians(0.0),
             top: Radians(MIRROR_TOP),
             size: MIRROR_SIZE,
         };
@@ -121,7 +125,10 @@ impl Scene {
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
         let ambient = |normal: Vec3| sky.ambient_irradiance(normal);
-        let leaves = |_: Vec3, direction: Vec3| mirror.lookup(direction);
+        let leaves = |_: Vec3, direction: Vec3| {
+            // Finely where the picture's own puddles look, coarsely all around.
+            if mirror.holds(direction) { mirror.lookup(direction) } else { around.lookup(direction) }
+        };
         let lighting = Lighting {
             ambient: &ambient,
             points: &[],
@@ -137,7 +144,7 @@ impl Scene {
     fn draw_rain(
         &self,
         frame: &Frame,
-        sky: &Sky,
+        (sky, light): (&Sky, &WorldLight),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
@@ -157,7 +164,7 @@ impl Scene {
             flashes,
             lamps: town.map_or(&[], |town| town.lamps()),
             has_depth: town.is_some(),
-            surroundings: Surroundings::from_picture(&memory.picture),
+            world: light,
         };
         let medium = rain::medium(&task, memory)?;
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
