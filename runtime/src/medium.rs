@@ -20,7 +20,7 @@ use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::phase::{henyey_greenstein, paper_henyey_greenstein};
 use crate::picture::Picture;
-use crate::rain::{RainVolume, Shot};
+use crate::rain::{RainPath, RainVolume, Shot};
 use glam::DVec3;
 use squall_formats::drops::{self, Optics, paper};
 use squall_formats::section::density::{DensitySection, Mode};
@@ -75,11 +75,11 @@ pub struct Illumination {
 
 /// What a camera sees through the medium, and in what light.
 #[derive(Clone, Debug)]
-pub struct Outlook<'a> {
+pub struct Outlook<'a, V = RainVolume> {
     /// The camera.
     pub camera: &'a Camera,
     /// Where it rains.
-    pub volume: RainVolume,
+    pub volume: V,
     /// What light the rain is in.
     pub light: Illumination,
     /// Depth of the scene; `None` is open sky.
@@ -167,7 +167,7 @@ impl Medium {
     }
 
     /// [`Medium::optical_depth`] in bounded rain, along `ray` from the camera to distance `secant * depth`.
-    pub fn optical_depth_in(&self, volume: &RainVolume, ray: &Ray, depth: f64, secant: f64) -> f64 {
+    pub fn optical_depth_in<V: RainPath>(&self, volume: &V, ray: &Ray, depth: f64, secant: f64) -> f64 {
         if volume.is_everywhere() {
             return self.optical_depth(depth, secant);
         }
@@ -207,9 +207,9 @@ impl Medium {
     ///
     /// Errors: an orthographic camera; a picture, depth buffer or transmittance of another size than the
     /// camera's.
-    pub fn apply(
+    pub fn apply<V: RainPath>(
         &self,
-        outlook: &Outlook,
+        outlook: &Outlook<V>,
         picture: &mut Picture,
         transmittance: &mut [f32],
     ) -> Result<usize, RuntimeError> {

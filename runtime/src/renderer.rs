@@ -26,6 +26,7 @@ use glam::Vec4;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::DensitySection;
+use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -59,6 +60,7 @@ struct Scene {
     strokes: Arc<Strokes>,
     cloud: Option<(Arc<Relighter>, CloudShape)>,
     rain: Option<DensitySection>,
+    rain_place: rain::Place,
     patterns: StreakSet,
     town: Option<Town>,
     view: Option<ViewSection>,
@@ -119,6 +121,14 @@ impl StormRenderer {
             true => Some(asset.section(DensitySection::TAG, "the rain's density", DensitySection::read)?),
             false => None,
         };
+        let rain_place = match has(RainPlaceSection::TAG) {
+            true => rain::Place::new(&asset.section(
+                RainPlaceSection::TAG,
+                "the place of rain",
+                RainPlaceSection::read,
+            )?)?,
+            false => rain::Place::default(),
+        };
         let patterns = match has(StreakSection::TAG) {
             true => asset.section(StreakSection::TAG, "streak patterns", StreakSection::read)?,
             false => StreakSection { patterns: Vec::new() },
@@ -132,7 +142,7 @@ impl StormRenderer {
             false => None,
         };
         let patterns = StreakSet::new(&patterns);
-        let scene = Scene { asset, strokes, cloud, rain, patterns, town, view };
+        let scene = Scene { asset, strokes, cloud, rain, rain_place, patterns, town, view };
         let memory = Memory {
             clouds,
             picture: Picture::new(1, 1)?,

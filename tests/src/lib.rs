@@ -68,6 +68,8 @@ mod rain;
 #[cfg(test)]
 mod rain_picture;
 #[cfg(test)]
+mod rain_place;
+#[cfg(test)]
 mod scenery;
 #[cfg(test)]
 mod spec_growth;
