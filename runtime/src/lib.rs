@@ -77,6 +77,7 @@ pub mod single_scatter;
 pub mod stroke;
 pub mod tone;
 pub mod verify;
+pub mod world;
 
 pub use camera::Camera;
 pub use clouds::Clouds;

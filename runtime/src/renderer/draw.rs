@@ -39,6 +39,8 @@ const FARTHEST_GROUND_M: f32 = 4e4;
 
 /// Radiance of sky and cloud along a ray, W/(m² sr).
 type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
+/// Mean radiance of the sun's disc over pixel (x, y) with this ray, W/(m² sr).
+type Disc<'a> = dyn Fn(usize, usize, &Ray) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
@@ -92,7 +94,14 @@ impl Scene {
             (&beyond, clouds.marched(&memory.flash_cells)),
             &mut memory.town,
         );
-        self.compose(camera, sky, &beyond, memory.town.frame(), &mut memory.picture);
+        // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
+        let disc = |x: usize, y: usize, ray: &Ray| {
+            let disc = sky.disc_in_pixel(camera, x, y);
+            let cloud = cloud.as_ref().filter(|_| disc != [0.0; 3]);
+            let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
+            disc.map(|value| value * open)
+        };
+        self.compose(camera, sky, (&beyond, &disc), memory.town.frame(), &mut memory.picture);
         self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
         Ok(report)
     }
@@ -187,7 +196,7 @@ impl Scene {
         &self,
         camera: &Camera,
         sky: &Sky,
-        beyond: &Beyond<'_>,
+        (beyond, disc): (&Beyond<'_>, &Disc<'_>),
         town: &TownFrame,
         picture: &mut Picture,
     ) {
@@ -199,7 +208,8 @@ impl Scene {
                 *pixel = [0.0; 3];
                 if cover < 1.0 {
                     let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
-                    *pixel = beyond(&ray).map(|value| value * (1.0 - cover));
+                    let (light, disc) = (beyond(&ray), disc(x, y, &ray));
+                    *pixel = std::array::from_fn(|band| (light[band] + disc[band]) * (1.0 - cover));
                 }
                 let Some(seen) = seen else { continue };
                 let air = sky.air_view(
