@@ -67,6 +67,7 @@ pub mod medium;
 #[doc(hidden)]
 pub mod noise;
 pub mod picture;
+pub mod place;
 pub mod rain;
 #[doc(hidden)]
 pub mod random;

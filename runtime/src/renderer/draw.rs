@@ -9,7 +9,7 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
-use super::{FrameReport, Memory, Scene, channel, light, rain, town};
+use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
@@ -44,7 +44,10 @@ type Disc<'a> = dyn Fn(usize, usize, &Ray) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
-    pub(super) fn draw(&self, frame: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
+    ///
+    /// Everything but the cloud's rows is drawn in coordinates from the scene's place.
+    pub(super) fn draw(&self, asked: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
+        let frame = &self.place.frame(asked);
         rain::check(self.rain.as_ref(), frame, &mut memory.rain)?;
         let sky = match memory.sky.take() {
             Some((known, sky)) if known == frame.sky => sky,
@@ -54,7 +57,7 @@ impl Scene {
             Some((known, detail)) if known == frame.detail => detail,
             _ => Detail::new(&frame.detail)?,
         };
-        let drawn = self.draw_under(frame, (&sky, &detail), memory);
+        let drawn = self.draw_under((frame, asked), (&sky, &detail), memory);
         memory.sky = Some((frame.sky.clone(), sky));
         memory.detail = Some((frame.detail, detail));
         drawn
@@ -62,7 +65,7 @@ impl Scene {
 
     fn draw_under(
         &self,
-        frame: &Frame,
+        (frame, asked): (&Frame, &Frame),
         (sky, detail): (&Sky, &Detail),
         memory: &mut Memory,
     ) -> Result<FrameReport, RuntimeError> {
@@ -75,7 +78,7 @@ impl Scene {
         let mut report = FrameReport::default();
         if let Some(clouds) = &mut memory.clouds {
             let cells = (&mut memory.cells, &mut memory.flash_cells);
-            report = light::light_cells(clouds, frame, sky, &mut memory.ambient, cells)?;
+            report = light::light_cells(clouds, asked, (sky, self.place), &mut memory.ambient, cells)?;
         }
         let clouds = Clouds { scene: self, frame, detail };
         let cloud = clouds.marched(&memory.cells);
@@ -175,7 +178,7 @@ impl Scene {
     }
 
     fn cloud_grid(&self) -> Option<&Cloud> {
-        self.cloud.as_ref().map(|(relighter, _)| relighter.cloud())
+        self.cloud.as_ref().map(SceneCloud::grid)
     }
 
     /// The strokes that the frame lets flash, each with its factor.
@@ -185,6 +188,7 @@ impl Scene {
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
         let strokes = self.strokes.find(lit.clone())?;
         let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
+            let stroke = self.place.stroke(stroke);
             let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
             LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
         };
@@ -235,10 +239,10 @@ struct Clouds<'a> {
 
 impl<'a> Clouds<'a> {
     fn marched(&self, cells: &'a [Vec4]) -> Option<CloudPicture<'a>> {
-        let (relighter, shape) = self.scene.cloud.as_ref()?;
+        let cloud = self.scene.cloud.as_ref()?;
         let billow = self.frame.detail;
         let billow = (billow.amplitude > 0.0).then_some(billow.size);
-        Some(CloudPicture::new(relighter.cloud(), shape, cells, self.detail, billow))
+        Some(CloudPicture::new(cloud.grid(), &cloud.shape, cells, self.detail, billow))
     }
 }
 
