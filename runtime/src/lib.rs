@@ -67,6 +67,7 @@ pub mod medium;
 #[doc(hidden)]
 pub mod noise;
 pub mod picture;
+pub mod place;
 pub mod rain;
 #[doc(hidden)]
 pub mod random;
@@ -77,6 +78,7 @@ pub mod single_scatter;
 pub mod stroke;
 pub mod tone;
 pub mod verify;
+pub mod world;
 
 pub use camera::Camera;
 pub use clouds::Clouds;

@@ -14,7 +14,6 @@ use squall_formats::units::{MillimetresPerHour, Seconds};
 use squall_runtime::clouds::{CloudLight, Viewer};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::direct::Light;
-use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::{Asset, Camera, Clouds, Flash, Frame, RuntimeError, StormRenderer, Stroke};
 use std::sync::Arc;
 

@@ -62,6 +62,8 @@ mod layering;
 #[cfg(test)]
 mod monte_carlo;
 #[cfg(test)]
+mod place;
+#[cfg(test)]
 mod public_api;
 #[cfg(test)]
 mod rain;
