@@ -27,7 +27,7 @@ use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
 
 /// How the medium spreads light.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Phase {
     /// Henyey and Greenstein's function with this asymmetry.
@@ -38,10 +38,19 @@ pub enum Phase {
 
 impl Phase {
     /// Value for a cosine between travel directions, 1/sr.
-    pub fn value(self, cos_theta: f64) -> f64 {
-        match self {
+    pub fn value(&self, cos_theta: f64) -> f64 {
+        match *self {
             Self::HenyeyGreenstein(g) => henyey_greenstein(g, cos_theta),
             Self::Paper(g) => paper_henyey_greenstein(g, cos_theta),
+        }
+    }
+
+    /// Legendre moment χ_l = 2π ∫ p(μ) P_l(μ) dμ: what blurring by it leaves of degree l of a function on the sphere.
+    pub fn moment(&self, degree: usize) -> f64 {
+        let power = |g: f64| (0..degree).fold(1.0, |product, _| product * g);
+        match *self {
+            Self::HenyeyGreenstein(g) => power(g),
+            Self::Paper(g) => power(g) * (1.0 - g) / (1.0 + g),
         }
     }
 }
