@@ -21,7 +21,7 @@ pub use phase::Phase;
 use crate::camera::{Camera, Ray};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
-use crate::rain::{RainVolume, Shot};
+use crate::rain::{RainPath, RainVolume, Shot};
 use crate::world::{InScattering, WorldLight};
 use squall_formats::drops::{self, Optics, paper};
 use squall_formats::section::density::{DensitySection, Mode};
@@ -45,11 +45,11 @@ pub struct Medium {
 
 /// What a camera sees through the medium, and in what light.
 #[derive(Clone, Debug)]
-pub struct Outlook<'a> {
+pub struct Outlook<'a, V = RainVolume> {
     /// The camera.
     pub camera: &'a Camera,
     /// Where it rains.
-    pub volume: RainVolume,
+    pub volume: V,
     /// What light the rain is in: [`Medium::in_scattering`] of the world's.
     pub light: &'a InScattering,
     /// Depth of the scene; `None` is open sky.
@@ -137,7 +137,7 @@ impl Medium {
     }
 
     /// [`Medium::optical_depth`] in bounded rain, along `ray` from the camera to distance `secant * depth`.
-    pub fn optical_depth_in(&self, volume: &RainVolume, ray: &Ray, depth: f64, secant: f64) -> f64 {
+    pub fn optical_depth_in<V: RainPath>(&self, volume: &V, ray: &Ray, depth: f64, secant: f64) -> f64 {
         if volume.is_everywhere() {
             return self.optical_depth(depth, secant);
         }

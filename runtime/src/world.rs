@@ -158,7 +158,7 @@ impl InScattering {
         sum
     }
 
-    /// The part that comes from everywhere, the beams left out; smooth in direction.
+    /// The part that comes from everywhere, the beams left out; smooth in `direction`, which may have any length.
     pub(crate) fn diffuse(&self, direction: Vec3) -> [f32; 3] {
         self.map.lookup(direction)
     }

@@ -12,6 +12,9 @@ use squall_runtime::transport::solve::SolveSettings;
 use std::path::PathBuf;
 use toml::Spanned;
 
+/// Largest coordinate of a corner, m: those of map grids are some 10⁷.
+const FARTHEST_M: f64 = 1e9;
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CloudsFile {
@@ -249,9 +252,9 @@ impl CloudsFile {
         let corner = |name: &str| format!("{}.{name}", keys.view_region);
         for (name, value) in [("low_m", low_m), ("high_m", high_m)] {
             // Written so that NaN is refused too.
-            if !value.get_ref().iter().all(|v| v.abs() <= 1e6) {
+            if !value.get_ref().iter().all(|v| v.abs() <= FARTHEST_M) {
                 let found = format!("{:?}", value.get_ref());
-                return Err(source.error(value.span(), corner(name), "three numbers, -1e6 to 1e6 m", found));
+                return Err(source.error(value.span(), corner(name), "three numbers, -1e9 to 1e9 m", found));
             }
         }
         let (low, high) = (*low_m.get_ref(), *high_m.get_ref());
@@ -377,10 +380,12 @@ impl LightningFile {
     fn check(&self, source: &Source) -> Result<VirtualLights, RecipeError> {
         let corner = |field: &str, value: &Option<Spanned<[f64; 3]>>| match value {
             None => Ok(None),
-            Some(value) if value.get_ref().iter().all(|v| v.abs() <= 1e6) => Ok(Some(*value.get_ref())),
+            Some(value) if value.get_ref().iter().all(|v| v.abs() <= FARTHEST_M) => {
+                Ok(Some(*value.get_ref()))
+            }
             Some(value) => {
                 let found = format!("{:?}", value.get_ref());
-                Err(source.error(value.span(), field, "three numbers, -1e6 to 1e6 m", found))
+                Err(source.error(value.span(), field, "three numbers, -1e9 to 1e9 m", found))
             }
         };
         let (low_m, high_m) = (

@@ -15,7 +15,7 @@ use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::RainVolume;
+use crate::rain::RainPath;
 use crate::world::InScattering;
 use glam::{Vec4, Vec4Swizzles};
 
@@ -45,9 +45,9 @@ impl Medium {
     ///
     /// Errors: an orthographic camera; a picture, depth buffer or transmittance of another size than the
     /// camera's.
-    pub fn apply(
+    pub fn apply<V: RainPath>(
         &self,
-        outlook: &Outlook,
+        outlook: &Outlook<V>,
         picture: &mut Picture,
         transmittance: &mut [f32],
     ) -> Result<usize, RuntimeError> {
@@ -70,16 +70,35 @@ impl Medium {
         let veil = Veil::new(self, outlook);
         let bands = picture.pixels.par_chunks_mut(width * STEP * BAND);
         let bands = bands.zip(transmittance.par_chunks_mut(width * STEP * BAND));
-        bands.enumerate().for_each(|(number, (pixels, left))| veil.band(number * STEP * BAND, pixels, left));
+        bands.enumerate().for_each(|(number, (pixels, left))| {
+            in_registers(
+                #[inline(always)]
+                || veil.band(number * STEP * BAND, pixels, left),
+            );
+        });
         Ok(depth.as_ref().map_or(0, DepthBuffer::holes))
     }
 }
 
+/// Runs `work`, which is inlined, with the widest registers of this machine. None of its products are fused with sums, so that
+/// the bytes are the same with all of them.
+#[cfg(feature = "simd")]
+fn in_registers(work: impl FnOnce()) {
+    use fearless_simd::Simd;
+    fearless_simd::dispatch!(fearless_simd::Level::new(), simd => simd.vectorize(work));
+}
+
+/// Runs `work` with the registers that every machine has.
+#[cfg(not(feature = "simd"))]
+fn in_registers(work: impl FnOnce()) {
+    work();
+}
+
 /// A medium before one camera, its numbers in single precision.
-struct Veil<'a> {
+struct Veil<'a, V> {
     medium: &'a Medium,
     camera: &'a Camera,
-    volume: &'a RainVolume,
+    volume: &'a V,
     light: &'a InScattering,
     depth: Option<&'a DepthBuffer<'a>>,
     /// Tangents to the right of and below the axis at the picture's corner, and their step per pixel.
@@ -89,8 +108,9 @@ struct Veil<'a> {
     /// Planar depth beyond which every shell is left behind, and what they hold together.
     shells_end: f32,
     shells_hold: f32,
-    /// Distance within which rain is full.
+    /// Distance within which rain is full, and that at which it ends.
     full: f32,
+    farthest: f32,
     /// Whether J is worked out at nodes.
     has_nodes: bool,
 }
@@ -105,8 +125,8 @@ struct RowBeam {
     irradiance: [f32; 3],
 }
 
-impl<'a> Veil<'a> {
-    fn new(medium: &'a Medium, outlook: &'a Outlook<'a>) -> Self {
+impl<'a, V: RainPath> Veil<'a, V> {
+    fn new(medium: &'a Medium, outlook: &'a Outlook<'a, V>) -> Self {
         let camera = outlook.camera;
         let [low, high] = [0.0, 1.0].map(|at| camera.tangents(at, at));
         let per_pixel = [(high.x - low.x) as f32, (high.y - low.y) as f32];
@@ -123,16 +143,20 @@ impl<'a> Veil<'a> {
             shells_end: medium.drawn.iter().map(|shell| shell.far).fold(0.0, f64::max) as f32,
             shells_hold: medium.drawn.iter().map(|s| s.extinction * (s.far - s.near)).sum::<f64>() as f32,
             full: outlook.volume.filled_radius(camera.position) as f32,
+            farthest: outlook.volume.farthest() as f32,
             has_nodes: widest <= WIDEST_STEP && (camera.width as usize) < (NODES - 5) * STEP,
         }
     }
 
     /// J of sky and ground at the nodes of the line `y` pixels from the top; the first stands one step left of the picture.
     fn nodes(&self, y: f64, nodes: &mut [[f32; 3]; NODES]) {
-        let secants = self.camera.secants();
+        let camera = self.camera;
+        let down = self.first[1] + y as f32 * self.per_pixel[1];
+        let row = (camera.forward - camera.up * f64::from(down)).as_vec3();
+        let right = camera.right.as_vec3();
         for (k, node) in nodes[..self.count()].iter_mut().enumerate() {
-            let ray = self.camera.ray_with(&secants, (k * STEP) as f64 - STEP as f64, y);
-            *node = self.light.diffuse(ray.direction.as_vec3());
+            let across = self.first[0] + (k as f32 - 1.0) * STEP as f32 * self.per_pixel[0];
+            *node = self.light.diffuse(row + right * across);
         }
     }
 
@@ -141,6 +165,7 @@ impl<'a> Veil<'a> {
         self.camera.width as usize / STEP + 5
     }
 
+    #[inline(always)]
     fn band(&self, top: usize, pixels: &mut [[f32; 3]], left: &mut [f32]) {
         let width = self.camera.width as usize;
         let mut nodes = [[[0.0f32; 3]; NODES]; BAND + 3];
@@ -162,6 +187,7 @@ impl<'a> Veil<'a> {
     }
 
     /// J of one row between four lines of nodes, at every eighth pixel.
+    #[inline(always)]
     fn fill_line(&self, nodes: [&[[f32; 3]; NODES]; 4], weights: [f32; 4], line: &mut Line) {
         let count = self.count();
         let mut own = [[0.0f32; 3]; NODES];
@@ -182,6 +208,7 @@ impl<'a> Veil<'a> {
         }
     }
 
+    #[inline(always)]
     fn row(&self, y: usize, line: &Line, pixels: &mut [[f32; 3]], left: &mut [f32]) {
         let tangent = self.first[1] + (y as f32 + 0.5) * self.per_pixel[1];
         let down = f64::from(tangent);
@@ -208,25 +235,24 @@ impl<'a> Veil<'a> {
             let mut seen = [0.0; LANES];
             self.optical_depths([at, y], (&known, ranges), &secants, &mut seen);
             exp_neg(&mut seen);
-            let mut source = [[0.0f32; 3]; LANES];
-            if self.has_nodes && beams.is_empty() {
-                let done = blend_line(&seen, &line[at / FLAT..], pixels);
-                if done < count {
-                    self.fill_source([at, y], line, &mut source);
-                    blend(&seen[done..], &source[done..], &mut pixels[done..]);
-                }
-            } else {
+            let done = match self.has_nodes && beams.is_empty() {
+                true => blend_line(&seen, &line[at / FLAT..], pixels),
+                false => 0,
+            };
+            if done < count {
+                let mut source = [[0.0f32; 3]; LANES];
                 self.fill_source([at, y], line, &mut source);
                 for beam in beams.iter().map(beam) {
                     self.add_beam(&beam, &tangents, &secants, &mut source);
                 }
-                blend(&seen, &source, pixels);
+                blend(&seen[done..], &source[done..], &mut pixels[done..]);
             }
             left.copy_from_slice(&seen[..count]);
         }
     }
 
     /// J of sky and ground at the pixels from (x, y) on.
+    #[inline(always)]
     fn fill_source(&self, [x, y]: [usize; 2], line: &Line, source: &mut [[f32; 3]; LANES]) {
         if !self.has_nodes {
             let last = self.camera.width as usize - x;
@@ -259,6 +285,9 @@ impl<'a> Veil<'a> {
                 range[i] *= secants[i];
             }
         }
+        for range in &mut range {
+            *range = if *range > self.farthest { self.farthest } else { *range };
+        }
         let mut special = 0u32;
         for i in 0..LANES {
             let plain =
@@ -285,7 +314,7 @@ impl<'a> Veil<'a> {
             f64::from(range / secant)
         } else {
             match self.depth.and_then(|depth| depth.known(x, y, || f64::from(secant))) {
-                Some(planar) => planar,
+                Some(planar) => planar.min(f64::from(self.farthest / secant)),
                 None => return 0.0,
             }
         };
@@ -365,6 +394,7 @@ fn blend_rest(seen: &[f32], source: &[f32], pixels: &mut [f32]) {
 }
 
 /// Blends with J between the values of a line, at whole runs of eight pixels; answers how many pixels that were.
+#[inline(always)]
 fn blend_line(seen: &Lanes, line: &[[f32; 3]], pixels: &mut [[f32; 3]]) -> usize {
     /// Eighths from a run's left edge to the middles of its pixels, as three numbers a pixel lie in registers.
     const ACROSS: [Vec4; 3] = [
@@ -390,6 +420,7 @@ fn blend_line(seen: &Lanes, line: &[[f32; 3]], pixels: &mut [[f32; 3]]) -> usize
     count
 }
 
+#[inline(always)]
 fn blend(seen: &[f32], source: &[[f32; 3]], pixels: &mut [[f32; 3]]) {
     for ((pixels, seen), source) in pixels.chunks_mut(4).zip(seen.chunks(4)).zip(source.chunks(4)) {
         let (pixels, source) = (pixels.as_flattened_mut(), source.as_flattened());

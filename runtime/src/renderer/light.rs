@@ -5,6 +5,7 @@ use crate::camera::Ray;
 use crate::clouds::{Clouds, Viewer, with_extinction};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
+use crate::place::Place;
 use crate::shade::cloud::CloudPicture;
 use crate::shade::sky::{Sky, SkyParameters};
 use crate::shade::town::light::GlowLight;
@@ -26,7 +27,7 @@ impl Ambient {
     fn of(
         &mut self,
         clouds: &mut Clouds,
-        (sky, parameters): (&Sky, &SkyParameters),
+        (sky, parameters): ((&Sky, Place), &SkyParameters),
         viewer: Viewer,
     ) -> Result<&[Vec3], RuntimeError> {
         if self.made_for.as_ref().is_some_and(|(known, seen)| known == parameters && *seen == viewer) {
@@ -54,7 +55,7 @@ impl Ambient {
 pub fn light_cells(
     clouds: &mut Clouds,
     frame: &Frame,
-    sky: &Sky,
+    sky: (&Sky, Place),
     ambient: &mut Ambient,
     (cells, flash_cells): (&mut Vec<Vec4>, &mut Vec<Vec4>),
 ) -> Result<FrameReport, RuntimeError> {
@@ -80,12 +81,12 @@ pub fn light_cells(
 /// The sun's rows are those of a beam that fills all space; where the Earth's shadow cuts it, at dusk, each cell is lit by
 /// what reaches its own height. Light that is scattered across the shadow's edge, within the cloud, is taken from the
 /// wrong side of it: at most some mean free paths of a ramp that is kilometres wide.
-fn distant_colours(cloud: &Cloud, sky: &Sky, kind: DistantKind) -> Vec<Vec3> {
+fn distant_colours(cloud: &Cloud, (sky, from): (&Sky, Place), kind: DistantKind) -> Vec<Vec3> {
     let [nx, ny, nz] = cloud.shape.to_array();
     let mut colours = Vec::with_capacity(cloud.shape.len());
     for z in 0..nz {
         let at = |x: usize, y: usize| {
-            let place = cloud.centre([x, y, z]);
+            let place = cloud.centre([x, y, z]) - from.origin;
             let light = sky.cloud_light(place.z, place);
             Vec3::from_array(match kind {
                 DistantKind::UpperSky => light.upper,

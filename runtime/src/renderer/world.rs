@@ -2,9 +2,7 @@
 
 use super::draw::Beyond;
 use crate::camera::Ray;
-use crate::frame::Frame;
 use crate::shade::environment::{Environment, EnvironmentWindow};
-use crate::shade::sky::Sky;
 use crate::world::{Sun, WorldLight};
 use glam::{DVec3, Vec3};
 use squall_formats::units::Radians;
@@ -12,8 +10,6 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// The map of all directions: columns and rows, 1.9° apart.
 const SIZE: [usize; 2] = [193, 97];
-/// Height that the sun of things on the ground is asked for, m.
-const GROUND_M: f64 = 10.0;
 
 /// Sky, cloud and ground in all directions from `eye`, coarsely.
 pub fn look_around(eye: DVec3, beyond: &Beyond<'_>) -> Environment {
@@ -25,15 +21,6 @@ pub fn look_around(eye: DVec3, beyond: &Beyond<'_>) -> Environment {
         size: SIZE,
     };
     Environment::new(window, &|direction| beyond(&Ray { origin: eye, direction: direction.as_dvec3() }))
-}
-
-/// The sun on the ground, after air and overcast; none when it is down.
-pub fn sun_of(sky: &Sky, frame: &Frame) -> Option<Sun> {
-    let light = sky.cloud_light(GROUND_M, DVec3::ZERO);
-    let left = 1.0 - frame.sky.overcast as f32;
-    let irradiance = light.sun_irradiance.map(|value| value * left);
-    let up = irradiance.iter().any(|&value| value > 0.0);
-    up.then_some(Sun { towards: light.sun_direction, irradiance, angular_radius: Sun::ANGULAR_RADIUS })
 }
 
 /// What the rain is lit by: everything in the map and the sun.

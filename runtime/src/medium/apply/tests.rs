@@ -1,7 +1,7 @@
 use super::*;
 use crate::depth::DepthHoles;
 use crate::medium::Phase;
-use crate::rain::{Ceiling, Region};
+use crate::rain::{Ceiling, RainVolume, Region};
 use crate::random::Random;
 use crate::world::{Beam, WorldLight};
 use glam::{DVec3, Vec3};
@@ -197,4 +197,26 @@ fn a_white_furnace_stays_white_whatever_rains_in_it() {
         medium.apply(&outlook, &mut picture, &mut vec![0.0; metres.len()]).unwrap();
         assert!(picture.pixels.iter().flatten().all(|v| (v / 2.0 - 1.0).abs() < ROUND_OFF));
     }
+}
+
+#[test]
+fn the_widest_registers_give_the_bytes_of_the_narrowest() {
+    let camera = camera(DVec3::new(20.0, -30.0, 2.0), 0.25);
+    let (medium, metres) = (medium(), depths());
+    let beam = Beam { towards: DVec3::new(0.8, 0.6, 0.0), irradiance: [3.0, 2.0, 1.0] };
+    let light = medium.in_scattering(&world()).with_beam(beam);
+    let depth = DepthBuffer::new(&metres, SIZE[0], SIZE[1], DepthKind::Planar).unwrap();
+    let volume = RainVolume::default();
+    let outlook = Outlook { camera: &camera, volume, light: &light, depth: Some(depth) };
+    let mut one = Picture::new(SIZE[0], SIZE[1]).unwrap();
+    one.pixels.fill([0.7; 3]);
+    let (mut other, mut left) = (one.clone(), vec![0.0; metres.len()]);
+    medium.apply(&outlook, &mut one, &mut left).unwrap();
+    let wide = left.clone();
+    let veil = Veil::new(&medium, &outlook);
+    let rows = SIZE[0] * STEP * BAND;
+    for (number, (pixels, left)) in other.pixels.chunks_mut(rows).zip(left.chunks_mut(rows)).enumerate() {
+        veil.band(number * STEP * BAND, pixels, left);
+    }
+    assert!(one == other && wide == left);
 }
