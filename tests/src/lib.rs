@@ -50,6 +50,7 @@ mod codec;
 #[cfg(test)]
 mod energy;
 #[cfg(test)]
+#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod front_door;
