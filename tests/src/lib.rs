@@ -50,7 +50,6 @@ mod codec;
 #[cfg(test)]
 mod energy;
 #[cfg(test)]
-#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod front_door;
@@ -70,6 +69,7 @@ mod place;
 mod public_api;
 #[cfg(test)]
 mod rain;
+#[cfg(test)]
 mod rain_picture;
 #[cfg(test)]
 mod rain_place;
