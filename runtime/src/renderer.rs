@@ -2,6 +2,7 @@
 
 mod channel;
 mod draw;
+mod halos;
 mod light;
 mod lit_stroke;
 mod rain;
@@ -9,6 +10,7 @@ mod town;
 mod town_rain;
 mod world;
 
+use crate::airlight::Airlight;
 use crate::camera::Camera;
 use crate::clouds::Clouds;
 use crate::error::RuntimeError;
@@ -101,6 +103,7 @@ struct Memory {
     cells: Vec<Vec4>,
     flash_cells: Vec<Vec4>,
     town: town::Kept,
+    airlight: Option<Airlight>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -178,6 +181,7 @@ impl StormRenderer {
             cells: Vec::new(),
             flash_cells: Vec::new(),
             town: town::Kept::default(),
+            airlight: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),
