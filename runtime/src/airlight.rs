@@ -21,6 +21,8 @@ const PLACES: usize = 257;
 const THICKEST: f64 = 16.0;
 /// Nodes below which a piece of ray is integrated without the table.
 const FEWEST: f64 = 6.0;
+/// Place s of the eye below which a point is well behind it: ψ₀ above 45°.
+const BEHIND: f64 = 0.541;
 /// Steps of Simpson's rule between two nodes.
 const STEPS: usize = 4;
 
@@ -110,17 +112,12 @@ impl Airlight {
 
     /// F between two places s, for an A within the table.
     fn between(&self, thickness: f64, from: f64, to: f64) -> [f64; 3] {
-        let short = from - to;
-        if short * ((PLACES - 1) as f64) < FEWEST {
-            // Between nodes the table knows F's mean slope only: Gauss's rule of three points instead.
-            let (middle, half) = (0.5 * (from + to), 0.5 * short * 0.6f64.sqrt());
-            let mut sum = [0.0; 3];
-            for (weight, s) in [(5.0, middle - half), (8.0, middle), (5.0, middle + half)] {
-                let (rise, value) = density(&self.phase, s);
-                let left = if thickness == 0.0 { 1.0 } else { libm::exp(-thickness * rise) };
-                (0..3).for_each(|band| sum[band] += short * weight / 18.0 * value[band] * left);
-            }
-            return sum;
+        // Between nodes the table knows F's mean slope only, and far behind the eye F falls too fast: Gauss's rule instead.
+        if (from - to) * ((PLACES - 1) as f64) < FEWEST {
+            return self.by_rule(thickness, from, to, 1);
+        }
+        if from < BEHIND {
+            return self.by_rule(thickness, from, to, 12);
         }
         let node = (thickness / THICKEST).sqrt() * (THICKNESSES - 1) as f64;
         // A parabola in A through three nodes.
@@ -143,6 +140,21 @@ impl Airlight {
         };
         let (far, near) = (at(to), at(from));
         std::array::from_fn(|band| (far[band] - near[band]).max(0.0))
+    }
+
+    /// The same by Gauss's rule of three points in each of some equal panels.
+    fn by_rule(&self, thickness: f64, from: f64, to: f64, panels: usize) -> [f64; 3] {
+        let size = (from - to) / panels as f64;
+        let mut sum = [0.0; 3];
+        for panel in 0..panels {
+            let middle = to + size * (panel as f64 + 0.5);
+            for (weight, off) in [(5.0, -0.5), (8.0, 0.0), (5.0, 0.5)] {
+                let (rise, value) = density(&self.phase, middle + off * size * 0.6f64.sqrt());
+                let left = if thickness == 0.0 { 1.0 } else { libm::exp(-thickness * rise) };
+                (0..3).for_each(|band| sum[band] += size * weight / 18.0 * value[band] * left);
+            }
+        }
+        sum
     }
 
     /// Radiance per unit of the point's intensity that a medium of this extinction, 1/m, scatters into a ray, 1/m² per colour. Within
