@@ -9,6 +9,7 @@ pub mod model;
 mod number;
 mod place;
 mod rain;
+mod sun;
 mod view;
 
 use crate::error::BakeError;
@@ -19,6 +20,7 @@ pub use clouds::parse_directions;
 pub use model::{Clouds, Rain, Recipe, VirtualLights};
 use squall_formats::section::view::ViewSection;
 use std::path::{Path, PathBuf};
+pub use sun::sun_at;
 
 impl Recipe {
     /// The recipe's own file and every file that it names, those that its scene names among them.

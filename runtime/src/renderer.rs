@@ -8,7 +8,7 @@ mod rain;
 mod town;
 
 use crate::camera::Camera;
-use crate::clouds::Clouds;
+use crate::clouds::{Clouds, SunSource};
 use crate::error::RuntimeError;
 use crate::frame::{Frame, tone_of};
 use crate::load::Asset;
@@ -116,6 +116,10 @@ pub struct FrameReport {
     pub strokes_kept: usize,
     /// Rain streaks found.
     pub streaks: usize,
+    /// Where the sun's light on the cloud came from.
+    pub sun: SunSource,
+    /// Whether the asset lacks light of the sky's hemispheres, so that its cloud stays dark under a bright sky.
+    pub sky_missing: bool,
 }
 
 impl StormRenderer {
