@@ -88,6 +88,7 @@ pub use load::Asset;
 pub use rain::{Rain, Weather};
 pub use renderer::StormRenderer;
 pub use stroke::Stroke;
+pub use world::WorldLight;
 
 pub use glam;
 pub use squall_formats as formats;

@@ -20,14 +20,14 @@ use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::phase::{henyey_greenstein, paper_henyey_greenstein};
 use crate::picture::Picture;
-use crate::rain::{RainVolume, Shot};
+use crate::rain::{RainPath, RainVolume, Shot};
 use glam::DVec3;
 use squall_formats::drops::{self, Optics, paper};
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
 
 /// How the medium spreads light.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Phase {
     /// Henyey and Greenstein's function with this asymmetry.
@@ -38,10 +38,19 @@ pub enum Phase {
 
 impl Phase {
     /// Value for a cosine between travel directions, 1/sr.
-    pub fn value(self, cos_theta: f64) -> f64 {
-        match self {
+    pub fn value(&self, cos_theta: f64) -> f64 {
+        match *self {
             Self::HenyeyGreenstein(g) => henyey_greenstein(g, cos_theta),
             Self::Paper(g) => paper_henyey_greenstein(g, cos_theta),
+        }
+    }
+
+    /// Legendre moment χ_l = 2π ∫ p(μ) P_l(μ) dμ: what blurring by it leaves of degree l of a function on the sphere.
+    pub fn moment(&self, degree: usize) -> f64 {
+        let power = |g: f64| (0..degree).fold(1.0, |product, _| product * g);
+        match *self {
+            Self::HenyeyGreenstein(g) => power(g),
+            Self::Paper(g) => power(g) * (1.0 - g) / (1.0 + g),
         }
     }
 }
@@ -75,11 +84,11 @@ pub struct Illumination {
 
 /// What a camera sees through the medium, and in what light.
 #[derive(Clone, Debug)]
-pub struct Outlook<'a> {
+pub struct Outlook<'a, V = RainVolume> {
     /// The camera.
     pub camera: &'a Camera,
     /// Where it rains.
-    pub volume: RainVolume,
+    pub volume: V,
     /// What light the rain is in.
     pub light: Illumination,
     /// Depth of the scene; `None` is open sky.
@@ -167,7 +176,7 @@ impl Medium {
     }
 
     /// [`Medium::optical_depth`] in bounded rain, along `ray` from the camera to distance `secant * depth`.
-    pub fn optical_depth_in(&self, volume: &RainVolume, ray: &Ray, depth: f64, secant: f64) -> f64 {
+    pub fn optical_depth_in<V: RainPath>(&self, volume: &V, ray: &Ray, depth: f64, secant: f64) -> f64 {
         if volume.is_everywhere() {
             return self.optical_depth(depth, secant);
         }
@@ -207,9 +216,9 @@ impl Medium {
     ///
     /// Errors: an orthographic camera; a picture, depth buffer or transmittance of another size than the
     /// camera's.
-    pub fn apply(
+    pub fn apply<V: RainPath>(
         &self,
-        outlook: &Outlook,
+        outlook: &Outlook<V>,
         picture: &mut Picture,
         transmittance: &mut [f32],
     ) -> Result<usize, RuntimeError> {

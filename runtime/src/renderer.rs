@@ -28,6 +28,7 @@ use glam::Vec4;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::DensitySection;
+use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -62,6 +63,7 @@ struct Scene {
     strokes: Arc<Strokes>,
     cloud: Option<SceneCloud>,
     rain: Option<DensitySection>,
+    rain_place: rain::Place,
     patterns: StreakSet,
     town: Option<Town>,
     view: Option<ViewSection>,
@@ -147,6 +149,14 @@ impl StormRenderer {
             true => Some(asset.section(DensitySection::TAG, "the rain's density", DensitySection::read)?),
             false => None,
         };
+        let rain_place = match has(RainPlaceSection::TAG) {
+            true => rain::Place::new(&asset.section(
+                RainPlaceSection::TAG,
+                "the place of rain",
+                RainPlaceSection::read,
+            )?)?,
+            false => rain::Place::default(),
+        };
         let patterns = match has(StreakSection::TAG) {
             true => asset.section(StreakSection::TAG, "streak patterns", StreakSection::read)?,
             false => StreakSection { patterns: Vec::new() },
@@ -160,7 +170,7 @@ impl StormRenderer {
             false => None,
         };
         let patterns = StreakSet::new(&patterns);
-        let scene = Scene { asset, place, strokes, cloud, rain, patterns, town, view };
+        let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
         let memory = Memory {
             clouds,
             picture: Picture::new(1, 1)?,

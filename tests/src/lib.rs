@@ -64,9 +64,13 @@ mod monte_carlo;
 #[cfg(test)]
 mod place;
 #[cfg(test)]
+mod public_api;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;
+#[cfg(test)]
+mod rain_place;
 #[cfg(test)]
 mod scenery;
 #[cfg(test)]

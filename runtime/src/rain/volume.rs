@@ -132,6 +132,14 @@ impl RainVolume {
         sum
     }
 
+    /// Where a ray enters and leaves the region's full rain and its edge; NaN or ∞ where it does not.
+    pub(super) fn region_cuts(&self, ray: &Ray) -> [f64; 4] {
+        let Some(Region { radius: full, softness, .. }) = self.region else { return [f64::INFINITY; 4] };
+        let radius = self.radius(ray);
+        let ([a, b], [c, d]) = (radius.crossings(full.0), radius.crossings(full.0 + softness.0));
+        [a, b, c, d]
+    }
+
     fn radius(&self, ray: &Ray) -> Radius {
         let centre = self.region.map_or([0.0; 2], |r| r.centre);
         let (x, y) = (ray.origin.x - centre[0], ray.origin.y - centre[1]);

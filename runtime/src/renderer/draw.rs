@@ -168,6 +168,8 @@ impl Scene {
             frame,
             flashes,
             lamps: town.map_or(&[], |town| town.lamps()),
+            town,
+            place: &self.rain_place,
             has_depth: town.is_some(),
             surroundings: Surroundings::from_picture(&memory.picture),
         };
