@@ -2,6 +2,7 @@
 
 mod clouds;
 mod rain;
+mod rain_map;
 mod records;
 mod stage;
 mod town;
