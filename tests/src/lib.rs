@@ -48,6 +48,8 @@ mod budget_rain;
 #[cfg(test)]
 mod codec;
 #[cfg(test)]
+mod energy;
+#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod front_door;
@@ -67,7 +69,6 @@ mod place;
 mod public_api;
 #[cfg(test)]
 mod rain;
-#[cfg(test)]
 mod rain_picture;
 #[cfg(test)]
 mod rain_place;
