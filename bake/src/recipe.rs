@@ -10,6 +10,7 @@ mod number;
 mod place;
 mod rain;
 mod rain_map;
+mod sun;
 mod view;
 
 use crate::error::BakeError;
@@ -21,6 +22,7 @@ use model::RainMapSource;
 pub use model::{Clouds, Rain, Recipe, VirtualLights};
 use squall_formats::section::view::ViewSection;
 use std::path::{Path, PathBuf};
+pub use sun::sun_at;
 
 impl Recipe {
     /// The recipe's own file and every file that it names, those that its scene names among them.

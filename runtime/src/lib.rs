@@ -51,6 +51,7 @@
 //! | `mmap` | yes | maps files into memory instead of reading them |
 //! | `rayon` | yes | spreads work over the caller's rayon pool; results do not depend on the number of threads |
 //! | `live` | no | solves for the light of strokes that no baked row answers for |
+//! | `simd` | no | the machine's widest registers for the rain's medium, found when it runs; the same bytes without |
 #![deny(unsafe_code)]
 
 mod audited;
@@ -67,6 +68,7 @@ pub mod medium;
 #[doc(hidden)]
 pub mod noise;
 pub mod picture;
+pub mod place;
 pub mod rain;
 #[doc(hidden)]
 pub mod random;
@@ -77,6 +79,7 @@ pub mod single_scatter;
 pub mod stroke;
 pub mod tone;
 pub mod verify;
+pub mod world;
 
 pub use camera::Camera;
 pub use clouds::Clouds;
@@ -86,6 +89,7 @@ pub use load::Asset;
 pub use rain::{Rain, Weather};
 pub use renderer::StormRenderer;
 pub use stroke::Stroke;
+pub use world::WorldLight;
 
 pub use glam;
 pub use squall_formats as formats;

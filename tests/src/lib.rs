@@ -62,6 +62,10 @@ mod layering;
 #[cfg(test)]
 mod monte_carlo;
 #[cfg(test)]
+mod place;
+#[cfg(test)]
+mod public_api;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;
@@ -77,6 +81,8 @@ mod spec_light;
 mod stability;
 #[cfg(test)]
 mod streaks;
+#[cfg(test)]
+mod sun;
 #[cfg(test)]
 mod transport;
 #[cfg(test)]

@@ -13,7 +13,9 @@ use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
 use squall_formats::section::rain_place::RainPlaceSection;
-use squall_formats::section::response::{Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection};
+use squall_formats::section::response::{
+    Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SunDirections,
+};
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -279,8 +281,31 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::InRows => "direct light inside",
         DirectTerm::AtRunTime => "direct light at run time",
     };
+    let [nx, ny, nz] = head.shape.to_array();
     format!(
-        "response: {lights}{} distant lights, {basis}, {codec}, {direct}{seen}{view_region}",
-        head.distant.len()
+        "response: {nx} × {ny} × {nz} cells, {lights}{} distant lights{}, {basis}, {codec}, {direct}{seen}{view_region}",
+        head.distant.len(),
+        sun_in_words(head)
     )
+}
+
+/// Where the sun may stand.
+fn sun_in_words(head: &ResponseHead) -> String {
+    let suns = head.suns();
+    let elevation = |sun: &[f64; 3]| libm::asin(sun[2].clamp(-1.0, 1.0)).to_degrees();
+    match (&head.sun, suns.as_slice()) {
+        (None, _) | (_, []) => String::new(),
+        (Some(SunDirections::Rings { elevations_rad, .. }), suns) => {
+            let lowest = elevations_rad.first().map_or(0.0, |ring| ring.to_degrees());
+            format!(" ({} of the sun, anywhere above {lowest:.1}°)", suns.len())
+        }
+        (Some(SunDirections::Path), [sun]) => {
+            let azimuth = libm::atan2(sun[1], sun[0]).to_degrees();
+            format!(" (1 of the sun, at azimuth {azimuth:.1}°, elevation {:.1}°)", elevation(sun))
+        }
+        (Some(SunDirections::Path), suns) => {
+            let (from, to) = (elevation(&suns[0]), elevation(&suns[suns.len() - 1]));
+            format!(" ({} of the sun, along a path from elevation {from:.1}° to {to:.1}°)", suns.len())
+        }
+    }
 }

@@ -1,0 +1,240 @@
+//! The world's light, as everything that scatters takes it: rain, fog, drops. The picture has no say in it, so that turning
+//! the camera changes nothing.
+//!
+//! What a direction d of rain shows is J(d) = ∫ p(θ) L(ω) dω, cos θ = d · ω: the world's radiance L, blurred by the phase
+//! function p. A blur that looks the same in all directions multiplies each degree of spherical harmonics by one number,
+//! χ_l = 2π ∫ p(μ) P_l(μ) dμ (g^l for Henyey and Greenstein), so L is projected once per weather and J is a sum. The sun
+//! is a beam and has its closed form, E p(θ) (\[weber\] eq. 12); so has a flash.
+//!
+//! | symbol | name         | unit      |
+//! | L, J   | radiance     | W/(m² sr) |
+//! | E      | `irradiance` | W/m²      |
+//! | p      | [`Phase`]    | 1/sr      |
+
+mod degrees;
+mod estimate;
+
+use crate::camera::Ray;
+use crate::medium::Phase;
+use crate::parallel::prelude::*;
+use crate::rain::RainLight;
+use crate::shade::sky::harmonics::Harmonics;
+use degrees::{Basis, COUNT, DEGREE};
+use glam::{DVec3, Vec3};
+use squall_formats::units::Radians;
+
+/// The sun as things on the ground see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sun {
+    /// Unit vector towards the sun.
+    pub towards: Vec3,
+    /// Irradiance on a surface facing it, W/m² per colour, at the ground, after air and overcast; zero when it is down.
+    pub irradiance: [f32; 3],
+    /// Half the angle that its disc covers.
+    pub angular_radius: Radians,
+}
+
+impl Sun {
+    /// Half the angle that the sun covers from the Earth at its mean distance, rad.
+    pub const ANGULAR_RADIUS: Radians = Radians(4.65e-3);
+}
+
+/// What shines on rain from afar: the radiance of the whole sphere, and the sun.
+///
+/// ```
+/// use squall_runtime::medium::Phase;
+/// use squall_runtime::world::WorldLight;
+/// use squall_runtime::glam::DVec3;
+///
+/// // Bright above, dark below: rain before the sky is brighter than rain before the ground.
+/// let world = WorldLight::from_radiance(&|d| if d.z > 0.0 { [1.0; 3] } else { [0.1; 3] }, None);
+/// let rain = world.in_scattering(&Phase::HenyeyGreenstein(0.77));
+/// assert!(rain.radiance(DVec3::Z)[0] > 0.9 && rain.radiance(DVec3::NEG_Z)[0] < 0.2);
+/// // Where everything is as bright, nothing can be told from it.
+/// let even = WorldLight::uniform([2.0; 3]).in_scattering(&Phase::HenyeyGreenstein(0.77));
+/// assert!((even.radiance(DVec3::X)[1] - 2.0).abs() < 1e-5);
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldLight {
+    /// Radiance of the whole sphere in degrees 0 to 2, world axes, the sun's disc left out.
+    pub harmonics: Harmonics,
+    /// The sun, where it is up.
+    pub sun: Option<Sun>,
+    /// Degrees above 2, where the world was sampled finely enough to have them; a horizon needs them.
+    finer: Vec<[f32; 3]>,
+}
+
+impl Default for WorldLight {
+    /// No light.
+    fn default() -> Self {
+        Self::from_harmonics([[0.0; 3]; 9], None)
+    }
+}
+
+impl WorldLight {
+    /// The light of a world whose radiance from unit direction d is `radiance(d)`, W/(m² sr), the sun's disc left out.
+    /// Numbers that are not finite count as dark.
+    pub fn from_radiance(radiance: &dyn Fn(Vec3) -> [f32; 3], sun: Option<Sun>) -> Self {
+        let all = degrees::project(radiance);
+        Self { harmonics: std::array::from_fn(|i| all[i]), sun, finer: all[9..].to_vec() }
+    }
+
+    /// The light of a world that is known to degree 2 alone.
+    pub fn from_harmonics(harmonics: Harmonics, sun: Option<Sun>) -> Self {
+        Self { harmonics, sun, finer: Vec::new() }
+    }
+
+    /// The same radiance from everywhere, W/(m² sr).
+    pub fn uniform(radiance: [f32; 3]) -> Self {
+        let mut harmonics = [[0.0; 3]; 9];
+        harmonics[0] = radiance.map(|value| value / crate::shade::sky::harmonics::Y0);
+        Self::from_harmonics(harmonics, None)
+    }
+
+    /// The same world with another sun.
+    #[must_use]
+    pub fn with_sun(self, sun: Option<Sun>) -> Self {
+        Self { sun, ..self }
+    }
+
+    /// Mean radiance of the whole sphere, the sun's disc left out, W/(m² sr).
+    pub fn mean_radiance(&self) -> [f32; 3] {
+        self.harmonics[0].map(|value| value * crate::shade::sky::harmonics::Y0)
+    }
+
+    /// What scatterers with this phase function show of the world, prepared for many directions.
+    pub fn in_scattering(&self, phase: &Phase) -> InScattering {
+        let mut blurred = [[0.0f32; 3]; COUNT];
+        for (i, value) in self.harmonics.iter().chain(&self.finer).enumerate() {
+            let moments = phase.moments(degrees::degree_of(i));
+            blurred[i] = std::array::from_fn(|band| value[band] * moments[band] as f32);
+        }
+        let count = if self.finer.is_empty() { 9 } else { COUNT };
+        let sun = self.sun.iter().filter(|sun| sun.irradiance != [0.0; 3]);
+        let beams = sun.map(|sun| Beam { towards: sun.towards.as_dvec3(), irradiance: sun.irradiance });
+        InScattering { map: Map::new(&blurred[..count]), phase: phase.clone(), beams: beams.collect() }
+    }
+}
+
+/// A distant light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam {
+    /// Unit vector towards it.
+    pub towards: DVec3,
+    /// Irradiance across its beam, W/m² per colour.
+    pub irradiance: [f32; 3],
+}
+
+/// J: the radiance that fully opaque rain shows in every direction, and that a single drop shows; single scattering of
+/// everything that is far away.
+///
+/// A drop sends E π D²/4 p(θ) per steradian out of its disc of π D²/4: so the radiance of a drop's disc is the medium's J
+/// with the phase function of Q = 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InScattering {
+    map: Map,
+    phase: Phase,
+    beams: Vec<Beam>,
+}
+
+impl InScattering {
+    /// The same with one more distant light: a flash.
+    #[must_use]
+    pub fn with_beam(mut self, beam: Beam) -> Self {
+        if beam.irradiance != [0.0; 3] {
+            self.beams.push(beam);
+        }
+        self
+    }
+
+    /// Radiance along a ray from the eye in unit `direction`, W/(m² sr) per colour.
+    pub fn radiance(&self, direction: DVec3) -> [f32; 3] {
+        let mut sum = self.map.lookup(direction.as_vec3());
+        for beam in &self.beams {
+            // Light from `towards` travels against it, and what reaches the eye against `direction`.
+            let share = self.phase.values(direction.dot(beam.towards));
+            (0..3).for_each(|band| sum[band] += share[band] as f32 * beam.irradiance[band]);
+        }
+        sum
+    }
+
+    /// The part that comes from everywhere, the beams left out; smooth in `direction`, which may have any length.
+    pub(crate) fn diffuse(&self, direction: Vec3) -> [f32; 3] {
+        self.map.lookup(direction)
+    }
+
+    /// The phase function.
+    pub fn phase(&self) -> &Phase {
+        &self.phase
+    }
+
+    /// The distant lights: the sun first, where it is up.
+    pub fn beams(&self) -> &[Beam] {
+        &self.beams
+    }
+}
+
+impl RainLight for InScattering {
+    fn radiance(&self, ray: &Ray, _distance: f64) -> [f32; 3] {
+        self.radiance(ray.direction)
+    }
+}
+
+/// A smooth function on the sphere, on the unfolded octahedron: directions without a sine, and no poles.
+#[derive(Clone, Debug, PartialEq)]
+struct Map {
+    texels: Vec<[f32; 3]>,
+}
+
+impl Map {
+    /// Steps along the side of the unfolded octahedron; even, so that its folds lie on nodes.
+    const STEPS: usize = 160;
+
+    fn new(coefficients: &[[f32; 3]]) -> Self {
+        let basis = Basis::new();
+        let side = Self::STEPS + 1;
+        let texel = |i: usize| {
+            let [x, y] = [i % side, i / side].map(|at| 2.0 * at as f64 / Self::STEPS as f64 - 1.0);
+            // Blurred harmonics of a positive world are positive but for what the degrees above the last would add.
+            basis.sum(coefficients, unfolded(x, y)).map(|value| value.max(0.0))
+        };
+        let mut texels = vec![[0.0; 3]; side * side];
+        let row = |(row, texels): (usize, &mut [[f32; 3]])| {
+            texels.iter_mut().enumerate().for_each(|(i, value)| *value = texel(row * side + i));
+        };
+        texels.par_chunks_mut(side).enumerate().for_each(row);
+        Self { texels }
+    }
+
+    fn lookup(&self, d: Vec3) -> [f32; 3] {
+        let size = d.x.abs() + d.y.abs() + d.z.abs();
+        let (x, y) = (d.x / size, d.y / size);
+        let (x, y) = match d.z >= 0.0 {
+            true => (x, y),
+            false => ((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)),
+        };
+        let place = |v: f32| (v * 0.5 + 0.5).clamp(0.0, 1.0) * Self::STEPS as f32;
+        let (x, y) = (place(x), place(y));
+        let [column, row] = [x, y].map(|v| (v as usize).min(Self::STEPS - 1));
+        let (u, v) = (x - column as f32, y - row as f32);
+        let at = |i: usize| self.texels[row * (Self::STEPS + 1) + column + i];
+        let (a, b, c, d) = (at(0), at(1), at(Self::STEPS + 1), at(Self::STEPS + 2));
+        std::array::from_fn(|i| {
+            let (low, high) = (a[i] + u * (b[i] - a[i]), c[i] + u * (d[i] - c[i]));
+            low + v * (high - low)
+        })
+    }
+}
+
+/// The direction at a place of the unfolded octahedron, both in [−1, 1].
+fn unfolded(x: f64, y: f64) -> DVec3 {
+    let z = 1.0 - x.abs() - y.abs();
+    let flat = if z >= 0.0 { [x, y] } else { [(1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)] };
+    DVec3::new(flat[0], flat[1], z).normalize()
+}
+
+/// Highest degree that a sampled world keeps.
+pub const HIGHEST_DEGREE: usize = DEGREE;
+
+#[cfg(test)]
+mod tests;
