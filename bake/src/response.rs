@@ -84,7 +84,7 @@ pub fn solve_held_out(
 ) -> Result<Vec<HeldOutStroke>, BakeError> {
     let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
     let lights = WantedLights { grid, wanted: vec![false] };
-    let sources = Sources { lights, distant: Vec::new() };
+    let sources = Sources { lights, distant: Vec::new(), sun: None };
     let job = Job { cloud, sources: &sources, settings, held_out, known: None, cache };
     Ok(solve_rows(&job, progress)?.held_out)
 }
@@ -238,4 +238,23 @@ fn split_stroke(head: &ResponseHead, lights: &[PointLight]) -> Weights {
     squall_runtime::relight::split_lights(head, lights)
         .map(|weights| weights.iter().map(|w| (w.row, w.intensity)).collect())
         .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod test_scene {
+    use glam::DVec3;
+    use squall_formats::GridShape;
+    use squall_formats::view_region::ViewRegion;
+    use squall_runtime::transport::{Boundary, Cloud};
+
+    pub const VIEWPOINTS: ViewRegion =
+        ViewRegion { low_m: [-150.0, -150.0, 0.0], high_m: [150.0, 150.0, 60.0] };
+
+    /// A cloud a kilometre north of [`VIEWPOINTS`], with this extinction, 1/m, in each cell.
+    pub fn cloud(extinction: impl Fn([usize; 3]) -> f32) -> Cloud {
+        let shape = GridShape::new(12, 20, 9);
+        let (cell_m, origin_m) = ([50.0, 60.0, 40.0], DVec3::new(-250.0, 900.0, 300.0));
+        let extinction = (0..shape.len()).map(|cell| extinction(shape.cell(cell))).collect();
+        Cloud { shape, cell_m, origin_m, extinction, albedo: 0.99, g: 0.85, boundary: Boundary::Open }
+    }
 }

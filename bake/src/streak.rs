@@ -19,6 +19,7 @@ pub mod refine;
 pub mod search;
 pub mod tables;
 pub mod window;
+pub mod window_field;
 
 use crate::error::BakeError;
 pub use crate::input::picture::Grey;

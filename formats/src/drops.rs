@@ -27,7 +27,7 @@ pub const INTERCEPT: f64 = 8000.0;
 /// Λ at R = 1 mm/h, 1/mm.
 const SLOPE_AT_ONE: f64 = 4.1;
 /// Λ falls with R to this power.
-const SLOPE_POWER: f64 = -0.21;
+pub const SLOPE_POWER: f64 = -0.21;
 /// Below this diameter Atlas' fit, which turns negative under 0.109 mm, gives way to Best's, mm.
 pub const BEST_BELOW: Millimetres = Millimetres(0.5);
 

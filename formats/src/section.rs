@@ -5,6 +5,7 @@ pub mod check;
 pub mod cloud;
 pub mod density;
 pub mod provenance;
+pub mod rain_place;
 pub mod response;
 pub mod streak;
 pub mod town;
@@ -23,6 +24,7 @@ pub const KNOWN: &[Tag] = &[
     density::DensitySection::TAG,
     response::ResponseSection::TAG,
     provenance::ProvenanceSection::TAG,
+    rain_place::RainPlaceSection::TAG,
     streak::StreakSection::TAG,
     town::TownSection::TAG,
     view::ViewSection::TAG,

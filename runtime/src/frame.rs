@@ -11,7 +11,7 @@ pub use thunder::{SPEED_OF_SOUND, Thunder};
 use crate::camera::{Camera, Projection};
 use crate::clouds::STILL_RAYS;
 use crate::error::RuntimeError;
-use crate::rain::{Ceiling, RainVolume, Region, Weather};
+use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
@@ -21,6 +21,7 @@ use squall_formats::section::view::{
     ViewCamera, ViewDetail, ViewFlash, ViewRain, ViewSection, ViewSky, ViewTone,
 };
 use squall_formats::units::{Metres, MillimetresPerHour, Radians, Seconds};
+use std::sync::Arc;
 
 /// A picture of an asset's storm in words: what [`crate::StormRenderer::render`] draws.
 ///
@@ -43,6 +44,8 @@ pub struct Frame {
     pub exposure: Seconds,
     /// Rain and wind at the middle of the exposure.
     pub weather: Weather,
+    /// Where rain is: its map, what keeps it off.
+    pub place: RainPlace,
     /// How rain is drawn.
     pub streaks: Streaks,
     /// The sky.
@@ -138,6 +141,20 @@ impl Frame {
     #[must_use]
     pub fn weather(mut self, weather: Weather) -> Self {
         self.weather = weather;
+        self
+    }
+
+    /// The same frame with rain in another place.
+    #[must_use]
+    pub fn place(mut self, place: RainPlace) -> Self {
+        self.place = place;
+        self
+    }
+
+    /// The same frame with one more cover that keeps rain off.
+    #[must_use]
+    pub fn cover(mut self, cover: impl Into<Arc<CoverMap>>) -> Self {
+        self.place.covers.push(cover.into());
         self
     }
 
@@ -265,6 +282,7 @@ impl From<&ViewSection> for Frame {
             camera: camera_from(&view.camera),
             exposure: Seconds(view.camera.exposure_s),
             weather: Weather { volume: volume_of(rain), ..steady },
+            place: RainPlace::default(),
             streaks: Streaks { seed: rain.seed, length_px: rain.streak_px, gain: rain.gain },
             sky: SkyParameters {
                 sun_azimuth: Radians(sky.sun_azimuth_rad),

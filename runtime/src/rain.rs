@@ -19,10 +19,14 @@
 //! | V      | `velocity`  | m/s       |
 //! | L      | D + vT, length before projection | m |
 
+pub mod cover;
+pub mod field;
 pub mod kernel;
 mod lattice;
 pub mod light;
+pub mod map;
 mod pattern;
+pub mod place;
 mod scatter;
 mod search;
 pub mod shelter;
@@ -42,9 +46,13 @@ use squall_formats::units::{MillimetresPerHour, Seconds};
 use std::ops::Range;
 use streak::Lens;
 
+pub use cover::{CoverMap, Covers};
+pub use field::{RainField, RainPath};
 pub use kernel::{Clip, Footprint, Kernel, Span};
 pub use light::{RainLight, Surroundings};
+pub use map::RainMap;
 pub use pattern::PatternScratch;
+pub use place::{MapChoice, RainPlace};
 pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
 pub use streak::Streak;
@@ -172,6 +180,21 @@ impl Rain {
         shelter: Option<&dyn Shelter>,
         workspace: &'w mut Workspace,
     ) -> Result<&'w [Streak], RuntimeError> {
+        self.find_in(shot, weather, &weather.volume.into(), shelter, workspace)
+    }
+
+    /// [`Rain::find`] in rain that has a place: `field` in the stead of the weather's volume, whose rate is that of the field's
+    /// heaviest rain. A map thins the same drops that fall without one, and moves none.
+    ///
+    /// Errors: as [`Rain::find`].
+    pub fn find_in<'w>(
+        &self,
+        shot: &Shot,
+        weather: &Weather,
+        field: &RainField,
+        shelter: Option<&dyn Shelter>,
+        workspace: &'w mut Workspace,
+    ) -> Result<&'w [Streak], RuntimeError> {
         workspace.streaks.clear();
         let radius = self.plan(shot, weather, &mut workspace.searches)?;
         if workspace.searches.is_empty() {
@@ -196,7 +219,8 @@ impl Rain {
             still_way: relative(weather.wind - shot.velocity) * (0.5 * shot.exposure.0),
             up: relative(DVec3::Z),
             weather,
-            full: weather.volume.fills(camera.position, radius),
+            field,
+            full: field.fills(camera.position, radius),
             shelter,
         };
         workspace.plan();

@@ -6,13 +6,15 @@ mod light;
 mod lit_stroke;
 mod rain;
 mod town;
+mod world;
 
 use crate::camera::Camera;
-use crate::clouds::Clouds;
+use crate::clouds::{Clouds, SunSource};
 use crate::error::RuntimeError;
 use crate::frame::{Frame, tone_of};
 use crate::load::Asset;
 use crate::picture::Picture;
+use crate::place::Place;
 use crate::rain::Workspace;
 use crate::relight::Relighter;
 use crate::shade::cloud::CloudShape;
@@ -22,10 +24,12 @@ use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
 use crate::stroke::{Stroke, Strokes};
 use crate::tone::Tone;
+use crate::transport::Cloud;
 use glam::Vec4;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::DensitySection;
+use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -56,12 +60,34 @@ pub struct StormRenderer {
 /// The parts of an asset that pictures need. What it lacks is not drawn.
 struct Scene {
     asset: Asset,
+    place: Place,
     strokes: Arc<Strokes>,
-    cloud: Option<(Arc<Relighter>, CloudShape)>,
+    cloud: Option<SceneCloud>,
     rain: Option<DensitySection>,
+    rain_place: rain::Place,
     patterns: StreakSet,
     town: Option<Town>,
     view: Option<ViewSection>,
+}
+
+/// The cloud as rays see it.
+struct SceneCloud {
+    relighter: Arc<Relighter>,
+    shape: CloudShape,
+    /// Its grid measured from the scene's place, where that is another.
+    moved: Option<Cloud>,
+}
+
+impl SceneCloud {
+    fn new(clouds: &Clouds, place: Place) -> Self {
+        let cloud = clouds.cloud();
+        Self { relighter: clouds.shared(), shape: CloudShape::new(cloud), moved: place.cloud(cloud) }
+    }
+
+    /// The grid, measured from the scene's place.
+    fn grid(&self) -> &Cloud {
+        self.moved.as_ref().unwrap_or(self.relighter.cloud())
+    }
 }
 
 /// Memory for pictures; most of it is kept from one to the next.
@@ -93,6 +119,10 @@ pub struct FrameReport {
     pub strokes_kept: usize,
     /// Rain streaks found.
     pub streaks: usize,
+    /// Where the sun's light on the cloud came from.
+    pub sun: SunSource,
+    /// Whether the asset lacks light of the sky's hemispheres, so that its cloud stays dark under a bright sky.
+    pub sky_missing: bool,
 }
 
 impl StormRenderer {
@@ -114,10 +144,19 @@ impl StormRenderer {
             true => Some(Clouds::with_strokes(&asset, strokes.clone())?),
             false => None,
         };
-        let cloud = clouds.as_ref().map(|clouds| (clouds.shared(), CloudShape::new(clouds.cloud())));
+        let place = Place::of(&asset)?;
+        let cloud = clouds.as_ref().map(|clouds| SceneCloud::new(clouds, place));
         let rain = match has(DensitySection::TAG) {
             true => Some(asset.section(DensitySection::TAG, "the rain's density", DensitySection::read)?),
             false => None,
+        };
+        let rain_place = match has(RainPlaceSection::TAG) {
+            true => rain::Place::new(&asset.section(
+                RainPlaceSection::TAG,
+                "the place of rain",
+                RainPlaceSection::read,
+            )?)?,
+            false => rain::Place::default(),
         };
         let patterns = match has(StreakSection::TAG) {
             true => asset.section(StreakSection::TAG, "streak patterns", StreakSection::read)?,
@@ -132,7 +171,7 @@ impl StormRenderer {
             false => None,
         };
         let patterns = StreakSet::new(&patterns);
-        let scene = Scene { asset, strokes, cloud, rain, patterns, town, view };
+        let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
         let memory = Memory {
             clouds,
             picture: Picture::new(1, 1)?,

@@ -62,9 +62,15 @@ mod layering;
 #[cfg(test)]
 mod monte_carlo;
 #[cfg(test)]
+mod place;
+#[cfg(test)]
+mod public_api;
+#[cfg(test)]
 mod rain;
 #[cfg(test)]
 mod rain_picture;
+#[cfg(test)]
+mod rain_place;
 #[cfg(test)]
 mod scenery;
 #[cfg(test)]
@@ -75,6 +81,8 @@ mod spec_light;
 mod stability;
 #[cfg(test)]
 mod streaks;
+#[cfg(test)]
+mod sun;
 #[cfg(test)]
 mod transport;
 #[cfg(test)]

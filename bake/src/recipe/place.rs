@@ -19,7 +19,7 @@ fn as_typed<'a>(field: &'a str, wanted: &'a str) -> (Vec<&'a str>, &'a str) {
         "sky.sun_elevation_rad" => (vec!["sky.sun_elevation_deg"], "-17 to 90 degrees"),
         "sky.sun_irradiance_w_per_m2" => (vec!["sky.sun_irradiance_W_per_m2"], wanted),
         "rain.ceiling_m" if wanted.contains("softness") => (vec!["rain.ceiling_softness_m"], "0 to 1e6 m"),
-        "rain.region_m" if wanted.contains("centre") => (vec!["rain.centre_m"], "within -1e7 to 1e7 m"),
+        "rain.region_m" if wanted.contains("centre") => (vec!["rain.centre_m"], "within -1e9 to 1e9 m"),
         "rain.region_m" => (vec!["rain.radius_m", "rain.radius_softness_m"], "0 to 1e7 m"),
         "turn_rad" => (vec!["turn_deg"], "0 to 68.7 degrees"),
         "branch_rad" => (vec!["branch_deg"], "0 to 91.6 degrees"),

@@ -114,20 +114,10 @@ fn solve(
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_scene::{VIEWPOINTS, cloud};
     use super::*;
-    use squall_formats::GridShape;
     use squall_formats::sphere::degree_of;
     use squall_runtime::random::Random;
-    use squall_runtime::transport::Boundary;
-
-    const VIEWPOINTS: ViewRegion = ViewRegion { low_m: [-150.0, -150.0, 0.0], high_m: [150.0, 150.0, 60.0] };
-
-    fn cloud(extinction: impl Fn([usize; 3]) -> f32) -> Cloud {
-        let shape = GridShape::new(12, 20, 9);
-        let (cell_m, origin_m) = ([50.0, 60.0, 40.0], DVec3::new(-250.0, 900.0, 300.0));
-        let extinction = (0..shape.len()).map(|cell| extinction(shape.cell(cell))).collect();
-        Cloud { shape, cell_m, origin_m, extinction, albedo: 0.99, g: 0.85, boundary: Boundary::Open }
-    }
 
     #[test]
     fn polynomials_towards_a_view_region_say_what_harmonics_say_there_and_better_with_degree() {

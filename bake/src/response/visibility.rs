@@ -107,18 +107,10 @@ fn lookouts(cloud: &Cloud, view_region: &ViewRegion) -> Option<(Vec<DVec3>, usiz
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_scene::{VIEWPOINTS, cloud};
     use super::*;
     use squall_formats::GridShape;
     use squall_runtime::random::Random;
-
-    const VIEWPOINTS: ViewRegion = ViewRegion { low_m: [-150.0, -150.0, 0.0], high_m: [150.0, 150.0, 60.0] };
-
-    fn cloud(extinction: impl Fn([usize; 3]) -> f32) -> Cloud {
-        let shape = GridShape::new(12, 20, 9);
-        let (cell_m, origin_m) = ([50.0, 60.0, 40.0], DVec3::new(-250.0, 900.0, 300.0));
-        let extinction = (0..shape.len()).map(|cell| extinction(shape.cell(cell))).collect();
-        Cloud { shape, cell_m, origin_m, extinction, albedo: 0.99, g: 0.85, boundary: Boundary::Open }
-    }
 
     #[test]
     fn a_thick_wall_hides_what_lies_deeper_than_can_be_seen() {

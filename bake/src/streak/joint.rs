@@ -8,6 +8,7 @@
 use super::refine::{self, Free, Model, Samples};
 use super::search::{self, Effort};
 use super::window::{Extent, Shape};
+use super::window_field::Fields;
 use super::{BLACK, DARK, Grey, draw, quality, support};
 use squall_formats::section::streak::{Body, CosinePattern, Method, Pattern, StreakPattern};
 
@@ -82,10 +83,16 @@ impl<'a> Ladder<'a> {
 
     /// The best that `count` terms can be reached by, on top of the highest rung below.
     fn climb(&self, count: usize) -> Rung {
-        let mut best = self.searched(count, 0.0);
+        let (model, error) = self.searched(count, 0.0);
+        let mut best = self.finished(model);
         if (1..=FEW).contains(&count) || best.psnr_db >= CLOSE_DB {
             for stretch in OTHER_STARTS {
-                let other = self.searched(count, stretch);
+                let (model, other_error) = self.searched(count, stretch);
+                // The last refinement costs more than the search, and does not make up for what is behind here.
+                if other_error > error {
+                    continue;
+                }
+                let other = self.finished(model);
                 if other.psnr_db > best.psnr_db + GROWN_WINS_DB {
                     best = other;
                 }
@@ -108,13 +115,13 @@ impl<'a> Ladder<'a> {
         if below.psnr_db > best.psnr_db + slack { below.clone() } else { best }
     }
 
-    /// A search from nothing, under a window that starts with its softness stretched by e^`stretch`.
-    fn searched(&self, count: usize, stretch: f64) -> Rung {
+    /// A search from nothing, under a window that starts with its softness stretched by e^`stretch`, and its summed squared error.
+    fn searched(&self, count: usize, stretch: f64) -> (Model, f64) {
         let mut window = self.shape.start(&self.fine.extent);
         self.shape.soften(&mut window, stretch);
         let mut model = Model { shape: self.shape, window, constant: 0.5, waves: Vec::new() };
-        search::grow(&mut model, &self.coarse, count, self.free(), effort(count));
-        self.finished(model)
+        let error = search::grow(&mut model, &self.coarse, count, self.free(), effort(count));
+        (model, error)
     }
 
     fn free(&self) -> Free {
@@ -186,7 +193,7 @@ fn sample(picture: &Grey, most: usize) -> Samples {
         }
     }
     let extent = Extent { ends: support(picture, DARK), size: sides.map(|side| side as f64) };
-    Samples { axes, light, extent }
+    Samples { axes, light, extent, fields: Fields::default() }
 }
 
 /// Rounds in stages: what is rounded first is made up for by what is still free.

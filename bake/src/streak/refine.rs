@@ -5,14 +5,14 @@
 //! leaves the middle. A faint spring holds a and b, because terms of neighbouring frequency can otherwise
 //! grow without bound against each other, and such sums do not survive rounding.
 
-use super::window::{Extent, MAX_FREE, Shape};
+use super::window::{Extent, Shape};
+use super::window_field::{Fields, WindowField};
 use squall_formats::section::streak::{Cosine, CosinePattern};
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 /// Mean squared error that a squared amplitude of 1 must be worth.
 const SPRING: f64 = 1e-6;
-/// Derivatives below this are dark background and left out of the normal equations.
-const NEGLIGIBLE: f64 = 1e-6;
 /// Pixels taken into the normal equations at once.
 const BATCH: usize = 4;
 /// Dampings tried before a step is given up.
@@ -26,6 +26,8 @@ pub struct Samples {
     pub light: Vec<f64>,
     /// Where the light is, in the whole picture.
     pub extent: Extent,
+    /// Windows that were looked at last, at every sample.
+    pub fields: Fields,
 }
 
 /// Which numbers a refinement may move.
@@ -80,23 +82,21 @@ impl Model {
         Some(Self { shape, window, constant: pattern.constant, waves })
     }
 
-    /// The picture minus the model at every sample, and the window's weight there.
-    pub fn residual(&self, samples: &Samples) -> (Vec<f64>, Vec<f64>) {
+    /// The picture minus the model at every sample, and the window there.
+    pub fn residual(&self, samples: &Samples) -> (Vec<f64>, Arc<WindowField>) {
         let tables = PhaseTables::new(samples, &self.waves);
-        let mut slope = [0.0; MAX_FREE];
-        let (mut residual, mut weights) = (samples.light.clone(), samples.light.clone());
+        let field = samples.field(self.shape, &self.window);
+        let mut residual = samples.light.clone();
         for (i, out) in residual.iter_mut().enumerate() {
-            let (u, v) = samples.place(i);
-            weights[i] = self.shape.weigh(&self.window, u, v, &mut slope);
             let (column, row) = samples.cell(i);
             let mut sum = self.constant;
             for (k, wave) in self.waves.iter().enumerate() {
                 let [cos, sin] = tables.phase(k, column, row);
                 sum += wave.factors[0] * cos + wave.factors[1] * sin;
             }
-            *out -= weights[i] * sum;
+            *out -= field.weights[i] * sum;
         }
-        (residual, weights)
+        (residual, field)
     }
 }
 
@@ -125,6 +125,11 @@ impl Samples {
     pub fn place(&self, i: usize) -> (f64, f64) {
         let (column, row) = self.cell(i);
         (self.axes[0][column], self.axes[1][row])
+    }
+
+    /// A window at every sample: worked out once for all the steps that leave it as it is.
+    pub fn field(&self, shape: Shape, window: &[f64]) -> Arc<WindowField> {
+        self.fields.get(window, || WindowField::new(shape, window, self))
     }
 }
 
@@ -155,7 +160,8 @@ impl PhaseTables {
     }
 }
 
-/// Normal equations of one linearisation: JᵀJ (lower triangle, rows of `n`), Jᵀr and the summed squares.
+/// Normal equations of one linearisation: JᵀJ (lower triangle, rows of `n`), Jᵀr and the summed squares. While they are summed
+/// the window's numbers come last, because most of them are 0 at most pixels; then [`Normal::window_first`].
 struct Normal {
     n: usize,
     matrix: Vec<f64>,
@@ -217,22 +223,20 @@ fn linearise(model: &Model, samples: &Samples, free: Free) -> Normal {
     let n = window + 1 + per_wave * moving.len();
     let mut normal = Normal { n, matrix: vec![0.0; n * n], gradient: vec![0.0; n], cost: 0.0 };
     let tables = PhaseTables::new(samples, &model.waves);
-    let mut batch = vec![[0.0; BATCH]; n];
-    let mut misses = [0.0; BATCH];
-    let mut filled = 0;
-    let mut slope = [0.0; MAX_FREE];
+    let field = samples.field(model.shape, &model.window);
+    let mut batch = Batch::new(n);
     for i in 0..samples.light.len() {
-        let (u, v) = samples.place(i);
-        let weight = model.shape.weigh(&model.window, u, v, &mut slope);
-        let (column, row) = samples.cell(i);
-        let steepest = slope[..model.window.len()].iter().fold(weight, |most, s| most.max(s.abs()));
-        if steepest < NEGLIGIBLE {
+        let weight = field.weights[i];
+        if field.dark[i] {
             let miss = samples.light[i] - weight * model.constant;
             normal.cost += miss * miss;
             continue;
         }
+        let (u, v) = samples.place(i);
+        let (column, row) = samples.cell(i);
+        let derivatives = batch.next();
         let mut sum = model.constant;
-        let mut at = window + 1;
+        let mut at = 1;
         for (k, wave) in model.waves.iter().enumerate() {
             let [cos, sin] = tables.phase(k, column, row);
             sum += wave.factors[0] * cos + wave.factors[1] * sin;
@@ -241,30 +245,26 @@ fn linearise(model: &Model, samples: &Samples, free: Free) -> Normal {
             }
             if free.frequencies {
                 let turn = weight * TAU * (wave.factors[1] * cos - wave.factors[0] * sin);
-                batch[at][filled] = turn * (u - 0.5);
-                batch[at + 1][filled] = turn * (v - 0.5);
+                derivatives[at] = turn * (u - 0.5);
+                derivatives[at + 1] = turn * (v - 0.5);
                 at += 2;
             }
-            batch[at][filled] = weight * cos;
-            batch[at + 1][filled] = weight * sin;
+            derivatives[at] = weight * cos;
+            derivatives[at + 1] = weight * sin;
             at += 2;
         }
-        for j in 0..window {
-            batch[j][filled] = slope[j] * sum;
+        derivatives[0] = weight;
+        for (out, slope) in derivatives[at..].iter_mut().zip(field.slopes_at(i)) {
+            *out = slope * sum;
         }
-        batch[window][filled] = weight;
-        misses[filled] = samples.light[i] - weight * sum;
-        filled += 1;
-        if filled == BATCH {
-            normal.add(&batch, &misses);
-            filled = 0;
+        if batch.full(samples.light[i] - weight * sum) {
+            normal.add(&mut batch);
         }
     }
-    if filled > 0 {
-        batch.iter_mut().for_each(|column| column[filled..].fill(0.0));
-        misses[filled..].fill(0.0);
-        normal.add(&batch, &misses);
+    if batch.filled > 0 {
+        normal.add(&mut batch);
     }
+    normal.window_first(window);
     let spring = spring(samples);
     normal.cost += spring * stretched(model);
     for (k, wave) in moving.iter().enumerate() {
@@ -277,16 +277,69 @@ fn linearise(model: &Model, samples: &Samples, free: Free) -> Normal {
     normal
 }
 
+/// Derivatives of a few pixels, a row of them each, and what the model misses there.
+struct Batch {
+    n: usize,
+    rows: Vec<f64>,
+    misses: [f64; BATCH],
+    filled: usize,
+}
+
+impl Batch {
+    fn new(n: usize) -> Self {
+        Self { n, rows: vec![0.0; BATCH * n], misses: [0.0; BATCH], filled: 0 }
+    }
+
+    /// The next pixel's derivatives, to be written.
+    fn next(&mut self) -> &mut [f64] {
+        &mut self.rows[self.filled * self.n..][..self.n]
+    }
+
+    /// Ends a pixel; whether the batch is full.
+    fn full(&mut self, miss: f64) -> bool {
+        self.misses[self.filled] = miss;
+        self.filled += 1;
+        self.filled == BATCH
+    }
+}
+
 impl Normal {
-    fn add(&mut self, batch: &[[f64; BATCH]], misses: &[f64; BATCH]) {
-        for (i, a) in batch.iter().enumerate() {
-            let row = &mut self.matrix[i * self.n..][..=i];
-            for (out, b) in row.iter_mut().zip(batch) {
-                *out += a[0] * b[0] + a[1] * b[1] + (a[2] * b[2] + a[3] * b[3]);
+    /// Adds a batch and empties it.
+    fn add(&mut self, batch: &mut Batch) {
+        let n = self.n;
+        batch.rows[batch.filled * n..].fill(0.0);
+        batch.misses[batch.filled..].fill(0.0);
+        let misses = batch.misses;
+        let (first, second) = batch.rows.split_at(2 * n);
+        let ((b0, b1), (b2, b3)) = (first.split_at(n), second.split_at(n));
+        for i in 0..n {
+            let a = [b0[i], b1[i], b2[i], b3[i]];
+            if a == [0.0; BATCH] {
+                continue;
+            }
+            // Along a row of the matrix the four pixels lie side by side: plain loops, which become vectors.
+            let row = &mut self.matrix[i * n..][..=i];
+            for ((((out, b0), b1), b2), b3) in row.iter_mut().zip(b0).zip(b1).zip(b2).zip(b3) {
+                *out += a[0] * b0 + a[1] * b1 + (a[2] * b2 + a[3] * b3);
             }
             self.gradient[i] += a[0] * misses[0] + a[1] * misses[1] + (a[2] * misses[2] + a[3] * misses[3]);
         }
         self.cost += misses.iter().map(|miss| miss * miss).sum::<f64>();
+        batch.filled = 0;
+    }
+
+    /// Moves the last `window` numbers to the front, where a model has them.
+    fn window_first(&mut self, window: usize) {
+        let n = self.n;
+        let mut moved = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..=i {
+                let (a, b) = ((i + window) % n, (j + window) % n);
+                moved[a.max(b) * n + a.min(b)] = self.matrix[i * n + j];
+            }
+        }
+        self.matrix = moved;
+        self.gradient.rotate_right(window);
     }
 }
 

@@ -96,7 +96,8 @@ fn placements(model: &Model, samples: &Samples, free: Free, peaks: usize) -> Vec
 
 /// Frequencies whose wave would explain most of the residual, best first; integers only if asked.
 fn promising(model: &Model, samples: &Samples, count: usize, integers: bool) -> Vec<[f64; 2]> {
-    let (residual, weights) = model.residual(samples);
+    let (residual, field) = model.residual(samples);
+    let weights = &field.weights;
     let counts = [samples.axes[0].len(), samples.axes[1].len()];
     let sides = counts.map(|count| (2 * count).next_power_of_two());
     let transform = |value: &dyn Fn(usize) -> f64| {

@@ -98,23 +98,40 @@ impl Shape {
         }
     }
 
-    /// Weight at (u, v), and its derivative by every free number.
-    pub fn weigh(self, free: &[f64], u: f64, v: f64, slope: &mut [f64]) -> f64 {
-        match self {
+    /// Hands weight and derivatives by every free number to `put`, at every pair of `axes`, u fastest.
+    pub fn weigh(self, free: &[f64], axes: &[Vec<f64>; 2], mut put: impl FnMut(f64, &[f64])) {
+        let profiles = |axis: usize, free: [f64; 3]| -> Vec<(f64, [f64; 3])> {
+            axes[axis].iter().map(|&x| power(x, free[0], free[1], free[2])).collect()
+        };
+        let mut slope = [0.0; MAX_FREE];
+        let [across, along] = match self {
+            Self::Edges => {
+                let softness = [4, 5, 6, 7].map(|slot| libm::exp(free[slot]));
+                for &v in &axes[1] {
+                    for &u in &axes[0] {
+                        let weight = edges(free, softness, u, v, &mut slope);
+                        put(weight, &slope);
+                    }
+                }
+                return;
+            }
             Self::Gaussian => {
-                let (a, da) = power(u, free[0], free[1], libm::log(2.0));
-                let (b, db) = power(v, free[2], free[3], libm::log(2.0));
-                slope[..4].copy_from_slice(&[da[0] * b, da[1] * b, db[0] * a, db[1] * a]);
-                a * b
+                let square = libm::log(2.0);
+                [profiles(0, [free[0], free[1], square]), profiles(1, [free[2], free[3], square])]
             }
             Self::Super => {
-                let (a, da) = power(u, free[0], free[1], free[2]);
-                let (b, db) = power(v, free[3], free[4], free[5]);
-                slope[..3].copy_from_slice(&da.map(|d| d * b));
-                slope[3..6].copy_from_slice(&db.map(|d| d * a));
-                a * b
+                [profiles(0, [free[0], free[1], free[2]]), profiles(1, [free[3], free[4], free[5]])]
             }
-            Self::Edges => edges(free, u, v, slope),
+        };
+        let each = self.count() / 2;
+        for (b, db) in &along {
+            for (a, da) in &across {
+                for i in 0..each {
+                    slope[i] = da[i] * b;
+                    slope[each + i] = db[i] * a;
+                }
+                put(a * b, &slope[..2 * each]);
+            }
         }
     }
 
@@ -213,7 +230,7 @@ fn power(x: f64, centre: f64, log_radius: f64, log_exponent: f64) -> (f64, [f64;
 
 /// [`EdgeWindow::value`] and its derivatives. Order of the free numbers: left, right, top, bottom; the
 /// logarithms of their softness; bends of the left, then of the right side; of the top, then of the bottom.
-fn edges(free: &[f64], u: f64, v: f64, slope: &mut [f64]) -> f64 {
+fn edges(free: &[f64], softness: [f64; 4], u: f64, v: f64, slope: &mut [f64]) -> f64 {
     let y = (2.0 * v - 1.0).clamp(-1.0, 1.0);
     let bends = [y, 2.0 * y * y - 1.0, y * (4.0 * y * y - 3.0)];
     let half = 0.5 * (free[1] - free[0]);
@@ -230,7 +247,7 @@ fn edges(free: &[f64], u: f64, v: f64, slope: &mut [f64]) -> f64 {
     let mut step = [0.0; 4];
     let mut by_place = [0.0; 4];
     for edge in 0..4 {
-        let softness = libm::exp(free[4 + edge]);
+        let softness = softness[edge];
         let z = ([u, u, v, v][edge] - at[edge]) / softness;
         slope[4 + edge] = 0.0;
         if z.abs() > SATURATED {

@@ -201,6 +201,9 @@ fn all(
     values.iter().try_for_each(|&value| within(field, wanted, value, low, high))
 }
 
+/// Largest coordinate, m: those of map grids with a zone's number in front are some 10⁷.
+const FARTHEST_M: f64 = 1e9;
+
 impl ViewSection {
     /// The section's tag.
     pub const TAG: Tag = Tag(*b"VIEW");
@@ -214,7 +217,7 @@ impl ViewSection {
         self.sky.check()?;
         within("detail.amplitude", "0 to 1", self.detail.amplitude, 0.0, 1.0)?;
         within("detail.size_m", "0.001 to 1e6 m", self.detail.size_m, 1e-3, 1e6)?;
-        within("detail.fibres_from_m", "-1e6 to 1e6 m", self.detail.fibres_from_m, -1e6, 1e6)?;
+        within("detail.fibres_from_m", "-1e7 to 1e7 m", self.detail.fibres_from_m, -1e7, 1e7)?;
         for flash in &self.flashes {
             within("flashes.brightness", "0 to 1e12", flash.brightness, 0.0, 1e12)?;
         }
@@ -255,7 +258,7 @@ impl ViewSection {
 
 impl ViewCamera {
     fn check(&self) -> Result<(), Refusal> {
-        all("camera.position_m", "-1e7 to 1e7 m", &self.position_m, -1e7, 1e7)?;
+        all("camera.position_m", "-1e9 to 1e9 m", &self.position_m, -FARTHEST_M, FARTHEST_M)?;
         within("camera.heading_rad", "-100 to 100", self.heading_rad, -100.0, 100.0)?;
         let right = std::f64::consts::FRAC_PI_2;
         within("camera.pitch_rad", "-pi/2 to pi/2 (-90 to 90 degrees)", self.pitch_rad, -right, right)?;
@@ -280,11 +283,11 @@ impl ViewRain {
         }
         within("rain.gain", "0 to 1000", self.gain, 0.0, 1000.0)?;
         if let Some([height, softness]) = self.ceiling_m {
-            within("rain.ceiling_m", "-1e6 to 1e6 m", height, -1e6, 1e6)?;
+            within("rain.ceiling_m", "-1e7 to 1e7 m", height, -1e7, 1e7)?;
             within("rain.ceiling_m", "a softness of 0 to 1e6 m", softness, 0.0, 1e6)?;
         }
         if let Some([x, y, radius, softness]) = self.region_m {
-            all("rain.region_m", "a centre within -1e7 to 1e7 m", &[x, y], -1e7, 1e7)?;
+            all("rain.region_m", "a centre within -1e9 to 1e9 m", &[x, y], -FARTHEST_M, FARTHEST_M)?;
             all("rain.region_m", "radius and softness of 0 to 1e7 m", &[radius, softness], 0.0, 1e7)?;
         }
         Ok(())

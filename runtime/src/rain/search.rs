@@ -2,7 +2,7 @@
 
 use super::lattice::{FrustumPiece, Viewpoint};
 use super::streak::{Drop, Lens};
-use super::{Shelter, Shot, Streak, Weather};
+use super::{RainField, Shelter, Shot, Streak, Weather};
 use crate::camera::Camera;
 use crate::error::RuntimeError;
 use crate::random::{hash, mix};
@@ -49,6 +49,7 @@ pub(super) struct ShotFrame<'a> {
     /// World up in camera space.
     pub up: DVec3,
     pub weather: &'a Weather,
+    pub field: &'a RainField<'a>,
     /// Rain is full wherever this frame looks.
     pub full: bool,
     pub shelter: Option<&'a dyn Shelter>,
@@ -212,10 +213,14 @@ impl Search {
         if !(length >= depth * frame.lengths[0] && length < depth * frame.lengths[1]) {
             return None;
         }
-        let mut expected = self.crowd * libm::exp(-self.slope * diameter);
-        if !frame.full {
-            expected *= frame.weather.volume.density(camera.position + offset);
-        }
+        let [within, slope] = match frame.full {
+            true => [1.0, self.slope],
+            false => {
+                let [within, factor] = frame.field.thinning(camera.position + offset)?;
+                [within, self.slope * factor]
+            }
+        };
+        let expected = within * self.crowd * libm::exp(-slope * diameter);
         if arrival <= libm::exp(-expected) {
             return None;
         }

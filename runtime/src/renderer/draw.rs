@@ -9,13 +9,13 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
-use super::{FrameReport, Memory, Scene, channel, light, rain, town};
+use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::{Rain, Surroundings};
+use crate::rain::Rain;
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
@@ -24,6 +24,7 @@ use crate::shade::town::frame::TownFrame;
 use crate::shade::town::light::Lighting;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
+use crate::world::WorldLight;
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::sync::Arc;
@@ -38,11 +39,16 @@ const MIRROR_SIZE: [usize; 2] = [400, 240];
 const FARTHEST_GROUND_M: f32 = 4e4;
 
 /// Radiance of sky and cloud along a ray, W/(m² sr).
-type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
+pub(super) type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
+/// Mean radiance of the sun's disc over pixel (x, y) with this ray, W/(m² sr).
+type Disc<'a> = dyn Fn(usize, usize, &Ray) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
-    pub(super) fn draw(&self, frame: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
+    ///
+    /// Everything but the cloud's rows is drawn in coordinates from the scene's place.
+    pub(super) fn draw(&self, asked: &Frame, memory: &mut Memory) -> Result<FrameReport, RuntimeError> {
+        let frame = &self.place.frame(asked);
         rain::check(self.rain.as_ref(), frame, &mut memory.rain)?;
         let sky = match memory.sky.take() {
             Some((known, sky)) if known == frame.sky => sky,
@@ -52,7 +58,7 @@ impl Scene {
             Some((known, detail)) if known == frame.detail => detail,
             _ => Detail::new(&frame.detail)?,
         };
-        let drawn = self.draw_under(frame, (&sky, &detail), memory);
+        let drawn = self.draw_under((frame, asked), (&sky, &detail), memory);
         memory.sky = Some((frame.sky.clone(), sky));
         memory.detail = Some((frame.detail, detail));
         drawn
@@ -60,7 +66,7 @@ impl Scene {
 
     fn draw_under(
         &self,
-        frame: &Frame,
+        (frame, asked): (&Frame, &Frame),
         (sky, detail): (&Sky, &Detail),
         memory: &mut Memory,
     ) -> Result<FrameReport, RuntimeError> {
@@ -73,7 +79,7 @@ impl Scene {
         let mut report = FrameReport::default();
         if let Some(clouds) = &mut memory.clouds {
             let cells = (&mut memory.cells, &mut memory.flash_cells);
-            report = light::light_cells(clouds, frame, sky, &mut memory.ambient, cells)?;
+            report = light::light_cells(clouds, asked, (sky, self.place), &mut memory.ambient, cells)?;
         }
         let clouds = Clouds { scene: self, frame, detail };
         let cloud = clouds.marched(&memory.cells);
@@ -85,15 +91,24 @@ impl Scene {
             }
             light
         };
+        let around = world::look_around(eye, &beyond);
         self.render_town(
             frame,
             sky,
             &flashes,
-            (&beyond, clouds.marched(&memory.flash_cells)),
+            (&beyond, &around, clouds.marched(&memory.flash_cells)),
             &mut memory.town,
         );
-        self.compose(camera, sky, &beyond, memory.town.frame(), &mut memory.picture);
-        self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
+        // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
+        let disc = |x: usize, y: usize, ray: &Ray| {
+            let disc = sky.disc_in_pixel(camera, x, y);
+            let cloud = cloud.as_ref().filter(|_| disc != [0.0; 3]);
+            let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
+            disc.map(|value| value * open)
+        };
+        self.compose(camera, sky, (&beyond, &disc), memory.town.frame(), &mut memory.picture);
+        let light = world::light_of(&around, sky.sun());
+        self.draw_rain(frame, (sky, &light), &flashes, memory, &mut report)?;
         Ok(report)
     }
 
@@ -103,7 +118,7 @@ impl Scene {
         frame: &Frame,
         sky: &Sky,
         flashes: &[LitStroke],
-        (beyond, lit): (&Beyond<'_>, Option<CloudPicture<'_>>),
+        (beyond, around, lit): (&Beyond<'_>, &Environment, Option<CloudPicture<'_>>),
         out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
@@ -112,6 +127,7 @@ impl Scene {
         let window = EnvironmentWindow {
             heading: heading_of(camera),
             half_width: Radians(MIRROR_HALF_WIDTH),
+            bottom: Radians(0.0),
             top: Radians(MIRROR_TOP),
             size: MIRROR_SIZE,
         };
@@ -121,7 +137,10 @@ impl Scene {
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
         let ambient = |normal: Vec3| sky.ambient_irradiance(normal);
-        let leaves = |_: Vec3, direction: Vec3| mirror.lookup(direction);
+        let leaves = |_: Vec3, direction: Vec3| {
+            // Finely where the picture's own puddles look, coarsely all around.
+            if mirror.holds(direction) { mirror.lookup(direction) } else { around.lookup(direction) }
+        };
         let lighting = Lighting {
             ambient: &ambient,
             points: &[],
@@ -137,7 +156,7 @@ impl Scene {
     fn draw_rain(
         &self,
         frame: &Frame,
-        sky: &Sky,
+        (sky, light): (&Sky, &WorldLight),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
@@ -156,8 +175,10 @@ impl Scene {
             frame,
             flashes,
             lamps: town.map_or(&[], |town| town.lamps()),
+            town,
+            place: &self.rain_place,
             has_depth: town.is_some(),
-            surroundings: Surroundings::from_picture(&memory.picture),
+            world: light,
         };
         let medium = rain::medium(&task, memory)?;
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
@@ -166,7 +187,7 @@ impl Scene {
     }
 
     fn cloud_grid(&self) -> Option<&Cloud> {
-        self.cloud.as_ref().map(|(relighter, _)| relighter.cloud())
+        self.cloud.as_ref().map(SceneCloud::grid)
     }
 
     /// The strokes that the frame lets flash, each with its factor.
@@ -176,6 +197,7 @@ impl Scene {
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
         let strokes = self.strokes.find(lit.clone())?;
         let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
+            let stroke = self.place.stroke(stroke);
             let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
             LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
         };
@@ -187,7 +209,7 @@ impl Scene {
         &self,
         camera: &Camera,
         sky: &Sky,
-        beyond: &Beyond<'_>,
+        (beyond, disc): (&Beyond<'_>, &Disc<'_>),
         town: &TownFrame,
         picture: &mut Picture,
     ) {
@@ -199,7 +221,8 @@ impl Scene {
                 *pixel = [0.0; 3];
                 if cover < 1.0 {
                     let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
-                    *pixel = beyond(&ray).map(|value| value * (1.0 - cover));
+                    let (light, disc) = (beyond(&ray), disc(x, y, &ray));
+                    *pixel = std::array::from_fn(|band| (light[band] + disc[band]) * (1.0 - cover));
                 }
                 let Some(seen) = seen else { continue };
                 let air = sky.air_view(
@@ -225,10 +248,10 @@ struct Clouds<'a> {
 
 impl<'a> Clouds<'a> {
     fn marched(&self, cells: &'a [Vec4]) -> Option<CloudPicture<'a>> {
-        let (relighter, shape) = self.scene.cloud.as_ref()?;
+        let cloud = self.scene.cloud.as_ref()?;
         let billow = self.frame.detail;
         let billow = (billow.amplitude > 0.0).then_some(billow.size);
-        Some(CloudPicture::new(relighter.cloud(), shape, cells, self.detail, billow))
+        Some(CloudPicture::new(cloud.grid(), &cloud.shape, cells, self.detail, billow))
     }
 }
 

@@ -7,15 +7,22 @@ use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
-use crate::medium::{Illumination, Medium, Outlook};
+use crate::medium::{Medium, Outlook, Phase};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
-use crate::rain::{Rain, RainLight, RainVolume, Scene, Shot, SmoothWindow, Surroundings, Workspace};
+use crate::rain::{
+    Covers, MapChoice, Rain, RainField, RainLight, RainMap, Scene, Shelter, Shot, SmoothWindow, Workspace,
+};
 use crate::shade::streak::StreakSet;
+use crate::shade::town::Town;
+use crate::world::{Beam, InScattering, WorldLight};
 use glam::DVec3;
 use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
+use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::town::StreetLamp;
+use squall_formats::units::Metres;
+use std::sync::Arc;
 
 /// What the rain of a picture depends on.
 pub struct Task<'a> {
@@ -25,9 +32,38 @@ pub struct Task<'a> {
     pub frame: &'a Frame,
     pub flashes: &'a [LitStroke],
     pub lamps: &'a [StreetLamp],
+    pub town: Option<&'a Town>,
+    pub place: &'a Place,
     pub has_depth: bool,
-    /// The picture's own radiances, before its channels were drawn: a drop's surroundings.
-    pub surroundings: Surroundings,
+    /// What shines on the rain from afar.
+    pub world: &'a WorldLight,
+}
+
+/// Where an asset's rain is.
+#[derive(Default)]
+pub struct Place {
+    map: Option<Arc<RainMap>>,
+    farthest: Option<Metres>,
+}
+
+impl Place {
+    /// What a section says.
+    pub fn new(section: &RainPlaceSection) -> Result<Self, RuntimeError> {
+        let map = section.map.as_ref().map(RainMap::from_record).transpose()?.map(Arc::new);
+        Ok(Self { map, farthest: section.farthest_m.map(Metres) })
+    }
+
+    /// The frame's rain, as its camera sees it.
+    fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
+        let (weather, place) = (&frame.weather, &frame.place);
+        let field = RainField::from(weather.volume).with_farthest(place.farthest.or(self.farthest));
+        let map = match &place.map {
+            MapChoice::Asset => self.map.as_deref(),
+            MapChoice::Even => None,
+            MapChoice::Own(map) => Some(map.as_ref()),
+        };
+        map.map_or(field, |map| field.with_map(map, weather.drift, frame.camera.position))
+    }
 }
 
 /// Street lamps farther from the eye than this light no drop that is drawn, m.
@@ -35,13 +71,13 @@ const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
 struct DropLight {
-    scene: Surroundings,
+    world: InScattering,
     lamps: Vec<(DVec3, [f32; 3])>,
 }
 
 impl RainLight for DropLight {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
-        let mut light = self.scene.radiance(ray, distance);
+        let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
         for (lamp, intensity) in &self.lamps {
             let way = drop - *lamp;
@@ -57,13 +93,13 @@ impl RainLight for DropLight {
 }
 
 /// The rain's medium in front of a picture, and the light that it and its drops are in.
-pub struct RainMedium {
+pub struct RainMedium<'a> {
     medium: Option<Medium>,
-    volume: RainVolume,
+    field: RainField<'a>,
     light: DropLight,
 }
 
-impl RainMedium {
+impl RainMedium<'_> {
     /// Share of a point's light that reaches the camera through the rain.
     pub fn left(&self, camera: &Camera, point: DVec3) -> f32 {
         let Some(medium) = &self.medium else { return 1.0 };
@@ -72,7 +108,7 @@ impl RainMedium {
         let secant = 1.0 / direction.dot(camera.forward).max(1e-6);
         let ray = Ray { origin: camera.position, direction };
         let depth = offset.length() / secant;
-        libm::exp(-medium.optical_depth_in(&self.volume, &ray, depth, secant)) as f32
+        libm::exp(-medium.optical_depth_in(&self.field, &ray, depth, secant)) as f32
     }
 }
 
@@ -105,20 +141,20 @@ fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>,
 }
 
 /// Composites the frame's medium over the picture.
-pub fn medium(task: &Task<'_>, memory: &mut Memory) -> Result<RainMedium, RuntimeError> {
+pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>, RuntimeError> {
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
-    let volume = weather.volume;
+    let field = task.place.field(task.frame);
     let (irradiance, direction) = irradiance_at(task.flashes, camera.position);
-    let mut scene = task.surroundings;
-    (scene.flash_irradiance, scene.flash_direction) = (irradiance, direction);
+    let flash = Beam { towards: -direction, irradiance };
+    let drops = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
+    let world = task.world.in_scattering(&drops).with_beam(flash);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
     let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
-    let light = DropLight { scene, lamps };
+    let light = DropLight { world, lamps };
     if weather.rate.0 == 0.0 {
-        return Ok(RainMedium { medium: None, volume, light });
+        return Ok(RainMedium { medium: None, field, light });
     }
-    let ambient: [f32; 3] = std::array::from_fn(|band| 0.5 * (scene.above[band] + scene.below[band]));
     memory.metres.clear();
     if task.has_depth {
         memory.metres.extend(memory.town.frame().pixels.iter().map(|pixel| pixel.distance));
@@ -126,21 +162,29 @@ pub fn medium(task: &Task<'_>, memory: &mut Memory) -> Result<RainMedium, Runtim
         memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
-    let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), weather.rate)?;
-    let outlook = Outlook { camera, volume, light: Illumination { irradiance, direction, ambient }, depth };
+    let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
+    let own = match *medium.phase() == drops {
+        true => light.world.clone(),
+        false => medium.in_scattering(task.world).with_beam(flash),
+    };
+    let outlook = Outlook { camera, volume: field, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
-    Ok(RainMedium { medium: Some(medium), volume, light })
+    Ok(RainMedium { medium: Some(medium), field, light })
 }
 
 /// Draws the frame's streaks over the picture; returns how many were found.
-pub fn streaks(task: &Task<'_>, medium: &RainMedium, memory: &mut Memory) -> Result<usize, RuntimeError> {
+pub fn streaks(task: &Task<'_>, medium: &RainMedium<'_>, memory: &mut Memory) -> Result<usize, RuntimeError> {
     if medium.medium.is_none() {
         return Ok(0);
     }
     let (shot, gain) = (shot_of(task.frame), task.frame.streaks.gain);
-    let found = task.rain.find(&shot, &task.frame.weather, None, &mut memory.rain)?.len();
+    let (weather, place) = (&task.frame.weather, &task.frame.place);
+    let town = task.town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
+    let covers = Covers { first: town, maps: &place.covers };
+    let shelter = (!covers.is_empty()).then_some(&covers as &dyn Shelter);
+    let found = task.rain.find_in(&shot, weather, &medium.field, shelter, &mut memory.rain)?.len();
     let (depth, light) = (Some(depth_of(&memory.metres, &memory.picture)?), &medium.light);
     if task.patterns.is_empty() {
         let scene = Scene { depth, kernel: &SmoothWindow, light, gain };

@@ -8,6 +8,7 @@
 //! spectrum; a picture takes them as its primaries.
 
 pub mod atmosphere;
+mod disc;
 pub mod harmonics;
 
 use crate::error::RuntimeError;
@@ -159,13 +160,19 @@ impl Sky {
     /// harmonics of the whole sphere.
     fn settle(&mut self, ground_albedo: f32) {
         let clear = project(|direction| if direction.z > 0.0 { self.clear(direction) } else { [0.0; 3] });
-        let level = irradiance_from(&clear, Vec3::Z);
-        // Under thick cloud about 30 % of the light arrives, its colours mixed half to grey.
+        let share = self.air.sunlight(0.0, self.sun.z);
+        let direct: [f32; 3] =
+            std::array::from_fn(|band| (share[band] * self.scale[band] * self.sun.z.max(0.0)) as f32);
+        let diffuse = irradiance_from(&clear, Vec3::Z);
+        let level: [f32; 3] = std::array::from_fn(|band| diffuse[band] + direct[band]);
+        // Under thick cloud about 30 % of the light of sky and sun arrives, its colours mixed half to grey.
         let mean = (level[0] + level[1] + level[2]) / 3.0;
         self.grey = level.map(|value| 0.3 * (0.5 * value + 0.5 * mean) / std::f32::consts::PI);
         let upper = project(|direction| if direction.z > 0.0 { self.covered(direction) } else { [0.0; 3] });
-        self.ground =
-            irradiance_from(&upper, Vec3::Z).map(|value| value * ground_albedo / std::f32::consts::PI);
+        let (sky, sunny) = (irradiance_from(&upper, Vec3::Z), 1.0 - self.overcast);
+        self.ground = std::array::from_fn(|band| {
+            (sky[band] + sunny * direct[band]) * ground_albedo / std::f32::consts::PI
+        });
         self.harmonics =
             project(|direction| if direction.z > 0.0 { self.covered(direction) } else { self.ground });
     }
@@ -175,7 +182,13 @@ impl Sky {
         self.sun.as_vec3()
     }
 
-    /// Radiance from `direction` (unit), W/(m² sr). Below the horizon: the ground's mean radiance.
+    /// Radiance of the whole sphere, the sun's disc and thin high cloud left out, as nine harmonics per colour.
+    pub fn harmonics(&self) -> &Harmonics {
+        &self.harmonics
+    }
+
+    /// Radiance from `direction` (unit), W/(m² sr). Below the horizon: the ground's mean radiance. The sun's disc is not in it:
+    /// [`Sky::disc`].
     pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
         let above = smoothstep(-HORIZON_BLEND, 0.0, direction.z);
         if above == 0.0 {
@@ -213,13 +226,13 @@ impl Sky {
         std::array::from_fn(|i| (a[i] * (1.0 - v) + b[i] * v) * (1.0 - u) + (d[i] * (1.0 - v) + e[i] * v) * u)
     }
 
-    /// Thin ice cloud in front of `behind`: streaks drawn out along one wind, lit by the low sun and the sky.
-    fn with_high_cloud(&self, direction: Vec3, behind: [f32; 3]) -> [f32; 3] {
-        if direction.z < 0.02 {
-            return behind;
+    /// Share that thin ice cloud in `direction` (unit) takes from what is behind it, in [0, 1): streaks drawn out along one wind. An
+    /// overcast hides it.
+    fn high_cloud_opacity(&self, direction: Vec3) -> f32 {
+        if direction.z < 0.02 || self.high_cloud == 0.0 {
+            return 0.0;
         }
-        let distance = self.high_cloud_distance(direction.z);
-        let point = direction * distance;
+        let point = direction * self.high_cloud_distance(direction.z);
         // Kilometres; the streaks run along x, bent by a slow swirl.
         let (x, y) = (point.x * 1e-3, point.y * 1e-3);
         let swirl = self.lattice.gradient(Vec3::new(x / 30.0, y / 30.0, 7.5)) * 6.0;
@@ -228,8 +241,19 @@ impl Sky {
         let cover = smoothstep(-0.1, 0.45, broad + 0.5 * fine) * self.high_cloud;
         // Perspective crowds streaks together towards the horizon, where air hides them.
         let depth = 0.9 * cover * smoothstep(0.02, 0.16, direction.z);
-        let opacity = 1.0 - libm::expf(-depth);
-        let light = self.cloud_light(f64::from(HIGH_CLOUD as f32), point.as_dvec3());
+        (1.0 - libm::expf(-depth)) * (1.0 - self.overcast)
+    }
+
+    /// That cloud in front of `behind`, lit by the low sun and the sky.
+    fn with_high_cloud(&self, direction: Vec3, behind: [f32; 3]) -> [f32; 3] {
+        let opacity = self.high_cloud_opacity(direction);
+        if opacity == 0.0 {
+            return behind;
+        }
+        let distance = self.high_cloud_distance(direction.z);
+        let point = direction * distance;
+        // Above an overcast, which dims nothing up there.
+        let light = self.light_above(f64::from(HIGH_CLOUD as f32), point.as_dvec3());
         let towards = direction.dot(light.sun_direction);
         // Ice crystals send most light forward; a two-lobe Henyey–Greenstein, mean cosine about .6.
         let lobe = |g: f32| (1.0 - g * g) / (12.566_37 * libm::powf(1.0 + g * g - 2.0 * g * towards, 1.5));
@@ -262,9 +286,17 @@ impl Sky {
         self.harmonics[0].map(|value| value * Y0)
     }
 
-    /// What lights a cloud at `position` (m, z up; x and y move it into or out of the Earth's shadow) when
-    /// nothing flashes: the two hemispheres' mean radiance and the direct sun.
+    /// What lights a cloud `altitude` metres above the ground when nothing flashes: the two hemispheres' mean radiance and the direct
+    /// sun, dimmed by the share of the sky that is overcast. `position` is measured from the place on the ground where the sun has
+    /// its stated elevation, m; its x and y move the cloud into or out of the Earth's shadow.
     pub fn cloud_light(&self, altitude: f64, position: DVec3) -> CloudLight {
+        let light = self.light_above(altitude, position);
+        let sunny = 1.0 - self.overcast;
+        CloudLight { sun_irradiance: light.sun_irradiance.map(|band| band * sunny), ..light }
+    }
+
+    /// The same above the overcast.
+    fn light_above(&self, altitude: f64, position: DVec3) -> CloudLight {
         let zenith =
             DVec3::new(position.x, position.y, atmosphere::EARTH_RADIUS + altitude.max(0.0)).normalize();
         let share = self.air.sunlight(altitude.max(0.0), zenith.dot(self.sun));
@@ -391,6 +423,27 @@ mod tests {
             sky.ambient_irradiance(Vec3::Z)[1]
         };
         assert!(level(1.0) < 0.5 * level(0.0));
+    }
+
+    #[test]
+    fn an_overcast_noon_lets_thirty_percent_of_sky_and_sun_through() {
+        /// Colours mix to grey around their mean, and nine harmonics project Moon and Spencer's sky.
+        const GREYING: f32 = 0.02;
+        let sky = |overcast| {
+            let sun_elevation = Radians(50f64.to_radians());
+            let parameters =
+                SkyParameters { sun_elevation, overcast, high_cloud: 0.0, ..SkyParameters::default() };
+            Sky::new(&parameters).unwrap()
+        };
+        let mean = |[r, g, b]: [f32; 3]| (r + g + b) / 3.0;
+        let (clear, grey) = (sky(0.0), sky(1.0));
+        let sun = clear.sun().unwrap();
+        let global = mean(clear.ambient_irradiance(Vec3::Z)) + mean(sun.irradiance) * sun.towards.z;
+        let share = mean(grey.ambient_irradiance(Vec3::Z)) / global;
+        assert!((share - 0.3).abs() < GREYING, "{share}");
+        // What the ground sends back is its albedo's share of the same light.
+        let ground = mean(clear.radiance(Vec3::NEG_Z)) * std::f32::consts::PI;
+        assert!((ground / global - 0.15).abs() < 0.15 * GREYING * 2.0, "{}", ground / global);
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod frame;
 pub mod ground;
 pub mod hills;
 pub mod light;
+mod shelter;
 
 use boxes::Boxes;
 use facade::Wall;

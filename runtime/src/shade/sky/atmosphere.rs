@@ -20,7 +20,7 @@ pub const EARTH_RADIUS: f64 = 6_360_000.0;
 /// Height above which no air is counted, m.
 const TOP: f64 = 100_000.0;
 /// Half the angle that the sun's disc covers, rad.
-const SUN_HALF_ANGLE: f64 = 0.004_65;
+pub const SUN_HALF_ANGLE: f64 = 0.004_65;
 
 /// Scattering of molecules at sea level, 1/m (1.24062e-6 λ⁻⁴, λ in µm, at 0.615, 0.535 and 0.465), and their scale
 /// height, m. \[bruneton\]
@@ -171,10 +171,18 @@ impl Atmosphere {
         if risen == 0.0 {
             return [0.0; 3];
         }
+        let disc = risen * risen * (3.0 - 2.0 * risen);
+        self.transmittance(altitude, cosine).map(|share| share * disc)
+    }
+
+    /// Share of light that comes from outside the air to `altitude` at zenith cosine `cosine`, in [0, 1]; from below the horizon what
+    /// comes along it.
+    pub fn transmittance(&self, altitude: f64, cosine: f64) -> Bands {
+        let altitude = altitude.clamp(0.0, TOP);
+        let lowest = horizon(altitude);
         let row = place(libm::sqrt(altitude / TOP), ALTITUDES);
         let column = place(libm::sqrt(((cosine - lowest) / (1.0 - lowest)).max(0.0)), COSINES);
-        let disc = risen * risen * (3.0 - 2.0 * risen);
-        bilinear(&self.transmittance, COSINES, row, column).map(|share| share * disc)
+        bilinear(&self.transmittance, COSINES, row, column)
     }
 
     fn echo(&self, altitude: f64, cosine: f64) -> Bands {

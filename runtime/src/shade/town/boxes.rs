@@ -73,6 +73,11 @@ impl Solid {
         Vec2::new(v.dot(self.axis), v.dot(self.axis.perp()))
     }
 
+    fn holds(&self, point: Vec3) -> bool {
+        let own = self.own(point.truncate() - self.centre).abs();
+        own.x <= self.half.x && own.y <= self.half.y && (self.foot..=self.top).contains(&point.z)
+    }
+
     fn meet(&self, origin: Vec3, direction: Vec3, limit: f32) -> Option<(f32, Vec3, Option<u32>, Vec2)> {
         let start = self.own(origin.truncate() - self.centre);
         let way = self.own(direction.truncate());
@@ -203,6 +208,35 @@ impl Boxes {
             }
         }
         found
+    }
+
+    /// Whether any box stands on a ray without end, the one that it starts in too.
+    pub fn is_covered(&self, origin: Vec3, direction: Vec3) -> bool {
+        self.is_met(origin, direction, f32::MAX) || self.holds(origin)
+    }
+
+    /// Whether a point lies in a box.
+    fn holds(&self, point: Vec3) -> bool {
+        let within = |node: &Node| point.cmpge(node.low).all() && point.cmple(node.high).all();
+        let (mut stack, mut depth) = ([0u32; 48], usize::from(!self.nodes.is_empty()));
+        while depth > 0 {
+            depth -= 1;
+            let node = &self.nodes[stack[depth] as usize];
+            if !within(node) {
+                continue;
+            }
+            if node.count == 0 {
+                stack[depth] = node.first;
+                stack[depth + 1] = node.first + 1;
+                depth += 2;
+                continue;
+            }
+            let solids = &self.order[node.first as usize..(node.first + node.count) as usize];
+            if solids.iter().any(|&solid| self.solids[solid as usize].holds(point)) {
+                return true;
+            }
+        }
+        false
     }
 
     /// Height of the highest roof over a spot, m; `None` where no box stands.

@@ -1,0 +1,160 @@
+//! Where it rains and how much: what drops, medium and whoever looks through rain ask, so that they agree.
+
+use super::map::RainMap;
+use super::volume::RainVolume;
+use crate::camera::Ray;
+use glam::{DVec2, DVec3};
+use squall_formats::drops::SLOPE_POWER;
+use squall_formats::units::{Metres, MillimetresPerHour};
+
+/// Lengths of rain along rays: what the medium asks.
+pub trait RainPath: Sync {
+    /// Whether it rains the same everywhere and without end.
+    fn is_everywhere(&self) -> bool;
+    /// Whether rain is the same throughout the ball around `centre`.
+    fn fills(&self, centre: DVec3, radius: f64) -> bool;
+    /// Radius of a ball around `centre` in which rain is the same up to [`RainPath::farthest`]; negative where there is none.
+    fn filled_radius(&self, centre: DVec3) -> f64;
+    /// Distance at which every ray ends; infinite where none does.
+    fn farthest(&self) -> f64 {
+        f64::INFINITY
+    }
+    /// Metres of full rain on a ray between the distances `from` ≥ 0 and `to`.
+    fn path(&self, ray: &Ray, from: f64, to: f64) -> f64;
+}
+
+impl RainPath for RainVolume {
+    fn is_everywhere(&self) -> bool {
+        Self::is_everywhere(self)
+    }
+
+    fn fills(&self, centre: DVec3, radius: f64) -> bool {
+        Self::fills(self, centre, radius)
+    }
+
+    fn filled_radius(&self, centre: DVec3) -> f64 {
+        Self::filled_radius(self, centre)
+    }
+
+    fn path(&self, ray: &Ray, from: f64, to: f64) -> f64 {
+        Self::path(self, ray, from, to)
+    }
+}
+
+/// Rain at one moment: bounds, a map and a farthest distance, each of which may be missing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RainField<'a> {
+    /// Bounds.
+    pub volume: RainVolume,
+    map: Option<PlacedMap<'a>>,
+    /// Rays end here: \[weber\]'s sphere of the sky around the eye.
+    farthest: Option<Metres>,
+}
+
+/// A map where the wind has carried it.
+#[derive(Clone, Copy, Debug)]
+struct PlacedMap<'a> {
+    map: &'a RainMap,
+    drift: DVec2,
+    /// Extinction that counts as 1, over the heaviest rain's.
+    reference: f64,
+}
+
+impl From<RainVolume> for RainField<'_> {
+    fn from(volume: RainVolume) -> Self {
+        Self { volume, map: None, farthest: None }
+    }
+}
+
+impl<'a> RainField<'a> {
+    /// The same rain where `map` has it, carried by `drift`; as seen by an eye at `eye`: lengths of rain count in the rain that
+    /// falls on it ([`RainField::rate`]), or, if it stands in the dry, in the heaviest.
+    #[must_use]
+    pub fn with_map(mut self, map: &'a RainMap, drift: DVec3, eye: DVec3) -> Self {
+        let drift = drift.truncate();
+        let here = map.share(eye.truncate() - drift);
+        let reference = if here > 0.0 { here } else { 1.0 };
+        self.map = Some(PlacedMap { map, drift, reference });
+        self
+    }
+
+    /// The same rain seen no farther than this.
+    #[must_use]
+    pub fn with_farthest(mut self, farthest: Option<Metres>) -> Self {
+        self.farthest = farthest;
+        self
+    }
+
+    /// Rate that a length of rain counts in, where the map's heaviest rain is `heaviest`.
+    pub fn rate(&self, heaviest: MillimetresPerHour) -> MillimetresPerHour {
+        let share = self.map.map_or(1.0, |placed| placed.reference);
+        // Without a map nothing is rounded.
+        if share == 1.0 {
+            heaviest
+        } else {
+            MillimetresPerHour(heaviest.0 * libm::pow(share, -1.0 / (3.0 * SLOPE_POWER)))
+        }
+    }
+
+    /// At a point: share of drops that the bounds let fall, and what Λ of the heaviest rain is multiplied by; nothing where
+    /// the map is dry.
+    pub(super) fn thinning(&self, point: DVec3) -> Option<[f64; 2]> {
+        let within = self.volume.density(point);
+        let Some(PlacedMap { map, drift, .. }) = self.map else { return Some([within, 1.0]) };
+        let share = map.share(point.truncate() - drift);
+        let below =
+            map.top().map_or(1.0, |top| RainVolume { ceiling: Some(top), region: None }.density(point));
+        (share > 0.0).then(|| [within * below, 1.0 / libm::cbrt(share)])
+    }
+}
+
+impl RainPath for RainField<'_> {
+    fn is_everywhere(&self) -> bool {
+        self.map.is_none() && self.farthest.is_none() && self.volume.is_everywhere()
+    }
+
+    fn fills(&self, centre: DVec3, radius: f64) -> bool {
+        self.map.is_none()
+            && self.farthest.is_none_or(|farthest| radius <= farthest.0)
+            && self.volume.fills(centre, radius)
+    }
+
+    fn filled_radius(&self, centre: DVec3) -> f64 {
+        if self.map.is_some() { f64::NEG_INFINITY } else { self.volume.filled_radius(centre) }
+    }
+
+    fn farthest(&self) -> f64 {
+        self.farthest.map_or(f64::INFINITY, |farthest| farthest.0)
+    }
+
+    /// Metres of rain on the ray between the distances `from` ≥ 0 and `to`, as dense as [`RainField::rate`] has it: its extinction
+    /// times this is the optical depth. Infinite where rain never ends.
+    fn path(&self, ray: &Ray, from: f64, to: f64) -> f64 {
+        let to = self.farthest.map_or(to, |farthest| to.min(farthest.0));
+        let Some(PlacedMap { map, drift, reference }) = self.map else {
+            return self.volume.path(ray, from, to);
+        };
+        if from.is_nan() || to.is_nan() || from >= to {
+            return 0.0;
+        }
+        let over_map = Ray { origin: ray.origin - drift.extend(0.0), direction: ray.direction };
+        let lid = RainVolume { ceiling: map.top(), region: None };
+        let mut cuts = [f64::INFINITY; 8];
+        let mut count = 0;
+        for top in [map.top(), self.volume.ceiling].into_iter().flatten() {
+            for height in [top.height.0, top.height.0 + top.softness.0] {
+                cuts[count] = (height - ray.origin.z) / ray.direction.z;
+                count += 1;
+            }
+        }
+        for cut in self.volume.region_cuts(ray) {
+            cuts[count] = cut;
+            count += 1;
+        }
+        let weight = |s: f64| {
+            let point = ray.origin + ray.direction * s;
+            lid.density(point) * self.volume.density(point)
+        };
+        map.integrate(&over_map, [from, to], &cuts[..count], weight) / reference
+    }
+}
