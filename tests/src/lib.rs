@@ -69,6 +69,7 @@ mod place;
 mod public_api;
 #[cfg(test)]
 mod rain;
+#[cfg(test)]
 mod rain_picture;
 #[cfg(test)]
 mod rain_place;
