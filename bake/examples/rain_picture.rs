@@ -9,11 +9,10 @@ use squall_bake::plan::density::bake_density;
 use squall_formats::units::{Degrees, Metres, MillimetresPerHour, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::depth::{DepthBuffer, DepthKind};
-use squall_runtime::medium::{Illumination, Medium, Outlook};
+use squall_runtime::medium::{Medium, Outlook};
 use squall_runtime::picture::Picture;
-use squall_runtime::rain::{
-    Ceiling, Rain, RainVolume, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace,
-};
+use squall_runtime::rain::{Ceiling, Rain, RainVolume, Scene, Shot, SmoothWindow, Weather, Workspace};
+use squall_runtime::world::WorldLight;
 
 const SIZE: [u32; 2] = [1280, 720];
 
@@ -59,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let depth = DepthBuffer::new(&metres, picture.width, picture.height, DepthKind::Range)?;
-    let environment = Surroundings::from_picture(&picture);
+    let world = WorldLight::estimate(&picture, &camera);
 
     let section = bake_density(&DensitySpec::default())?;
     let rain = Rain::new(&section, 1);
@@ -73,12 +72,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let count = rain.find(&shot, &weather, None, &mut workspace)?.len();
 
     let medium = Medium::beside_streaks(&section, &shot, rate)?;
-    let light = Illumination { ambient: [0.45; 3], ..Default::default() };
-    let outlook = Outlook { camera: &camera, volume: weather.volume, light, depth: Some(depth.clone()) };
+    let light = medium.in_scattering(&world);
+    let outlook =
+        Outlook { camera: &camera, volume: weather.volume, light: &light, depth: Some(depth.clone()) };
     let mut transmittance = vec![0.0; picture.pixels.len()];
     medium.apply(&outlook, &mut picture, &mut transmittance)?;
-    let scene =
-        Scene { depth: Some(depth), kernel: &SmoothWindow, light: &environment, gain: number(4, 1.0)? };
+    let scene = Scene { depth: Some(depth), kernel: &SmoothWindow, light: &light, gain: number(4, 1.0)? };
     workspace.draw(&shot, &scene, &mut picture)?;
     let mask = workspace.mask();
     let mean = mask.iter().map(|&v| f64::from(v)).sum::<f64>() / mask.len() as f64;

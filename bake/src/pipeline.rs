@@ -3,6 +3,7 @@
 mod blocks;
 mod clouds;
 mod rain;
+mod rain_map;
 mod records;
 mod stage;
 mod town;

@@ -9,6 +9,7 @@ pub mod model;
 mod number;
 mod place;
 mod rain;
+mod rain_map;
 mod sun;
 mod view;
 
@@ -17,6 +18,7 @@ pub use crate::error::RecipeError;
 use crate::input::read_text;
 use crate::input::scene::scene_files;
 pub use clouds::parse_directions;
+use model::RainMapSource;
 pub use model::{Clouds, Rain, Recipe, VirtualLights};
 use squall_formats::section::view::ViewSection;
 use std::path::{Path, PathBuf};
@@ -30,6 +32,11 @@ impl Recipe {
         let pictures = self.rain.iter().flat_map(|rain| &rain.pictures);
         let mut files: Vec<PathBuf> =
             std::iter::once(&self.file).chain(&self.town).chain(pictures).cloned().collect();
+        if let Some(RainMapSource::File { path, .. }) =
+            self.rain.as_ref().and_then(|rain| rain.map.as_ref()).map(|map| &map.source)
+        {
+            files.push(path.clone());
+        }
         if let Some(clouds) = &self.clouds {
             files.extend(scene_files(&clouds.scene)?);
         }

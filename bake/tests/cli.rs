@@ -13,6 +13,7 @@ mod monte_carlo;
 mod outputs;
 mod peers;
 mod query;
+mod rain;
 mod readme;
 mod recipe;
 mod relight;

@@ -14,11 +14,11 @@ use squall_runtime::density::read_density;
 use squall_runtime::depth::{DepthBuffer, DepthHoles, DepthKind};
 use squall_runtime::formats::units::{MillimetresPerHour, Seconds};
 use squall_runtime::glam::DVec3;
-use squall_runtime::medium::{Illumination, Medium, Outlook};
+use squall_runtime::medium::{Medium, Outlook};
 use squall_runtime::picture::Picture;
-use squall_runtime::rain::{Scene, Shot, SmoothWindow, Surroundings, Workspace};
+use squall_runtime::rain::{Scene, Shot, SmoothWindow, Workspace};
 use squall_runtime::tone::Tone;
-use squall_runtime::{Asset, Camera, Rain, Weather};
+use squall_runtime::{Asset, Camera, Rain, Weather, WorldLight};
 use std::error::Error;
 use std::path::Path;
 
@@ -38,21 +38,21 @@ pub fn run(asset: &Path, out: &Path) -> Result<usize, Box<dyn Error>> {
     let shot = Shot { min_px: 10.0, ..Shot::new(&camera, exposure) };
     let weather = Weather::steady(MillimetresPerHour(40.0), DVec3::new(2.0, 0.0, 0.0), Seconds(5.0));
 
-    // What light the rain is in: a guess from the frame itself.
-    let surroundings = Surroundings::from_picture(&picture);
-    let ambient = std::array::from_fn(|band| 0.5 * (surroundings.above[band] + surroundings.below[band]));
-    let light = Illumination { ambient, ..Illumination::default() };
+    // What light the rain is in: a guess from the frame itself, once per sequence.
+    let world = WorldLight::estimate(&picture, &camera);
 
     let depth = DepthBuffer::new(&metres, SIZE[0], SIZE[1], DepthKind::Planar)?;
     let depth = depth.with_holes(DepthHoles::FillFromNeighbours);
     let medium = Medium::beside_streaks(&tables, &shot, weather.rate)?;
-    let outlook = Outlook { camera: &camera, volume: weather.volume, light, depth: Some(depth.clone()) };
+    let light = medium.in_scattering(&world);
+    let outlook =
+        Outlook { camera: &camera, volume: weather.volume, light: &light, depth: Some(depth.clone()) };
     let mut transmittance = vec![0.0; metres.len()];
     let holes = medium.apply(&outlook, &mut picture, &mut transmittance)?;
 
     let mut workspace = Workspace::new();
     let streaks = Rain::new(&tables, 1).find(&shot, &weather, None, &mut workspace)?.len();
-    let scene = Scene { depth: Some(depth), kernel: &SmoothWindow, light: &surroundings, gain: 1.0 };
+    let scene = Scene { depth: Some(depth), kernel: &SmoothWindow, light: &light, gain: 1.0 };
     workspace.draw(&shot, &scene, &mut picture)?;
 
     files::save_ppm(out, &picture, &Tone::default().to_srgb8(&picture))?;

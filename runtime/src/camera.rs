@@ -244,6 +244,12 @@ impl Camera {
         Secants { half, step, shift: self.shift_px }
     }
 
+    /// Tangents of the angles to the right of and below a perspective camera's axis at pixel coordinates (x, y).
+    pub(crate) fn tangents(&self, x: f64, y: f64) -> DVec2 {
+        let Secants { half, step, shift } = self.secants();
+        (DVec2::new(x, y) - shift) * step - half
+    }
+
     /// [`Camera::ray`] of a perspective camera, for pixel after pixel.
     pub fn ray_with(&self, secants: &Secants, x: f64, y: f64) -> Ray {
         let across = (DVec2::new(x, y) - secants.shift) * secants.step - secants.half;

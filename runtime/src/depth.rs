@@ -96,6 +96,16 @@ impl<'a> DepthBuffer<'a> {
         Err(RuntimeError::argument("depth buffer", format!("the picture's {width} × {height}"), found))
     }
 
+    /// The numbers of row `y` as they came, holes and all.
+    pub(crate) fn row(&self, y: usize) -> &[f32] {
+        &self.metres[y * self.width..(y + 1) * self.width]
+    }
+
+    /// What they measure.
+    pub(crate) fn kind(&self) -> DepthKind {
+        self.kind
+    }
+
     /// Planar depth of pixel (x, y) in metres, +∞ for sky, `None` for a hole that is left alone. `secant` is 1/cos of the angle
     /// between the pixel's ray and the viewing axis; only ranges ask for it.
     #[inline]

@@ -51,6 +51,7 @@
 //! | `mmap` | yes | maps files into memory instead of reading them |
 //! | `rayon` | yes | spreads work over the caller's rayon pool; results do not depend on the number of threads |
 //! | `live` | no | solves for the light of strokes that no baked row answers for |
+//! | `simd` | no | the machine's widest registers for the rain's medium, found when it runs; the same bytes without |
 #![deny(unsafe_code)]
 
 mod audited;
@@ -60,6 +61,7 @@ pub mod density;
 pub mod depth;
 pub mod error;
 pub mod frame;
+pub mod frame_rain;
 #[doc(hidden)]
 pub mod in_scattered;
 pub mod load;

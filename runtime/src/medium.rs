@@ -1,7 +1,7 @@
 //! The loss of visibility: rain too far or too fine for streaks, as a medium. \[weber\] §3.2, corrected.
 //!
-//! L = L₀ F + L_in, F = e^{−τ}, L_in = J (1 − F). J = p(θ) E for a distant light of irradiance E (p
-//! normalised, \[weber\] eq. 12), plus the ambient radiance, which an albedo of 1 hands on as it is.
+//! L = L₀ F + L_in, F = e^{−τ}, L_in = J (1 − F). J is the world's radiance blurred by the phase function, the sun's by \[weber\]
+//! eq. 12, p(θ) E with p normalised ([`crate::world`]).
 //!
 //! Streaks and medium are the same drops. A streak's coverage is a drop's disc, so its expected optical depth is
 //! the extinction with Q = 1; beside drawn streaks the medium uses Q = 1 too and leaves out, class by class,
@@ -12,48 +12,20 @@
 //! | τ      | optical depth  | –    |
 //! | β      | `extinction`   | 1/m  |
 //! | z      | planar depth   | m    |
-//! | E      | `irradiance`   | W/m² |
 
-use crate::camera::{Camera, Projection, Ray};
+mod apply;
+mod phase;
+
+pub use phase::Phase;
+
+use crate::camera::{Camera, Ray};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
-use crate::parallel::prelude::*;
-use crate::phase::{henyey_greenstein, paper_henyey_greenstein};
-use crate::picture::Picture;
 use crate::rain::{RainPath, RainVolume, Shot};
-use glam::DVec3;
+use crate::world::{InScattering, WorldLight};
 use squall_formats::drops::{self, Optics, paper};
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
-
-/// How the medium spreads light.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Phase {
-    /// Henyey and Greenstein's function with this asymmetry.
-    HenyeyGreenstein(f64),
-    /// The same as \[weber\] eq. 10 prints it, which loses light.
-    Paper(f64),
-}
-
-impl Phase {
-    /// Value for a cosine between travel directions, 1/sr.
-    pub fn value(&self, cos_theta: f64) -> f64 {
-        match *self {
-            Self::HenyeyGreenstein(g) => henyey_greenstein(g, cos_theta),
-            Self::Paper(g) => paper_henyey_greenstein(g, cos_theta),
-        }
-    }
-
-    /// Legendre moment χ_l = 2π ∫ p(μ) P_l(μ) dμ: what blurring by it leaves of degree l of a function on the sphere.
-    pub fn moment(&self, degree: usize) -> f64 {
-        let power = |g: f64| (0..degree).fold(1.0, |product, _| product * g);
-        match *self {
-            Self::HenyeyGreenstein(g) => power(g),
-            Self::Paper(g) => power(g) * (1.0 - g) / (1.0 + g),
-        }
-    }
-}
 
 /// One class's shell of depths in which its drops are drawn as streaks, and the extinction they would have had.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,17 +43,6 @@ pub struct Medium {
     drawn: Vec<Shell>,
 }
 
-/// Light that the medium scatters toward the camera.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Illumination {
-    /// Irradiance of a distant light across its beam, W/m² per colour.
-    pub irradiance: [f32; 3],
-    /// Unit vector in which that light travels.
-    pub direction: DVec3,
-    /// Radiance that comes from everywhere, W/(m² sr) per colour: an overcast sky's mean.
-    pub ambient: [f32; 3],
-}
-
 /// What a camera sees through the medium, and in what light.
 #[derive(Clone, Debug)]
 pub struct Outlook<'a, V = RainVolume> {
@@ -89,8 +50,8 @@ pub struct Outlook<'a, V = RainVolume> {
     pub camera: &'a Camera,
     /// Where it rains.
     pub volume: V,
-    /// What light the rain is in.
-    pub light: Illumination,
+    /// What light the rain is in: [`Medium::in_scattering`] of the world's.
+    pub light: &'a InScattering,
     /// Depth of the scene; `None` is open sky.
     pub depth: Option<DepthBuffer<'a>>,
 }
@@ -198,80 +159,31 @@ impl Medium {
         (self.extinction.0 * volume.path(ray, 0.0, distance) - drawn).max(0.0)
     }
 
-    /// The light that fully opaque rain would show along a ray: J, W/(m² sr) per colour.
-    pub fn source(&self, light: &Illumination, view: DVec3) -> [f32; 3] {
-        // Scattered light travels against the viewing direction.
-        let phase =
-            if light.irradiance == [0.0; 3] { 0.0 } else { self.phase.value(-view.dot(light.direction)) };
-        std::array::from_fn(|i| (phase * f64::from(light.irradiance[i]) + f64::from(light.ambient[i])) as f32)
+    /// What the medium shows of the world's light, for all directions; the sun and the sky's harmonics in it.
+    pub fn in_scattering(&self, world: &WorldLight) -> InScattering {
+        world.in_scattering(&self.phase)
     }
 
-    /// Attenuates `picture` and adds the light scattered in; writes each pixel's transmittance F.
-    ///
-    /// Without a depth buffer, all is sky; sky is infinitely far, so in rain without bounds it vanishes and
-    /// in a finite `volume` it does not. Rows are spread over the caller's rayon pool.
-    ///
-    /// Where the depth buffer has holes ([`crate::depth::DepthHoles`]) that are to be left alone, the pixel keeps its light and F
-    /// is 1. Answers how many holes there were, filled ones included.
-    ///
-    /// Errors: an orthographic camera; a picture, depth buffer or transmittance of another size than the
-    /// camera's.
-    pub fn apply<V: RainPath>(
-        &self,
-        outlook: &Outlook<V>,
-        picture: &mut Picture,
-        transmittance: &mut [f32],
-    ) -> Result<usize, RuntimeError> {
-        let Outlook { camera, volume, light, depth } = outlook;
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        if !matches!(camera.projection, Projection::Perspective { .. }) {
-            return Err(RuntimeError::argument("rain camera", "a perspective camera", "an orthographic one"));
-        }
-        if (picture.width, picture.height) != (width, height) || picture.pixels.len() != width * height {
-            let found = format!("{} × {}", picture.width, picture.height);
-            return Err(RuntimeError::argument("picture", format!("the camera's {width} × {height}"), found));
-        }
-        if transmittance.len() != width * height {
-            let wanted = format!("{} pixels", width * height);
-            return Err(RuntimeError::argument("transmittance", wanted, transmittance.len()));
-        }
-        if let Some(depth) = depth {
-            depth.check_size(width, height)?;
-        }
-        let secants = camera.secants();
-        let row = |(y, (pixels, transmittance)): (usize, (&mut [[f32; 3]], &mut [f32]))| {
-            for (x, (pixel, transmittance)) in pixels.iter_mut().zip(transmittance).enumerate() {
-                let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-                let secant = secants.at(px, py);
-                let planar = match depth {
-                    Some(depth) => depth.known(x, y, || secant),
-                    None => Some(f64::INFINITY),
-                };
-                let Some(planar) = planar else {
-                    *transmittance = 1.0;
-                    continue;
-                };
-                let ray = camera.ray_with(&secants, px, py);
-                let left = libm::exp(-self.optical_depth_in(volume, &ray, planar, secant)) as f32;
-                let source = self.source(light, ray.direction);
-                for colour in 0..3 {
-                    // A hidden sky contributes nothing, even where it is infinitely bright.
-                    let behind = if left > 0.0 { pixel[colour] * left } else { 0.0 };
-                    pixel[colour] = behind + source[colour] * (1.0 - left);
-                }
-                *transmittance = left;
-            }
-        };
-        let rows = picture.pixels.par_chunks_mut(width).zip(transmittance.par_chunks_mut(width));
-        rows.enumerate().for_each(row);
-        Ok(depth.as_ref().map_or(0, DepthBuffer::holes))
+    /// How it spreads light.
+    pub fn phase(&self) -> &Phase {
+        &self.phase
+    }
+
+    /// The same medium with another phase function.
+    #[must_use]
+    pub fn with_phase(self, phase: Phase) -> Self {
+        Self { phase, ..self }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Projection;
+    use crate::picture::Picture;
     use crate::rain::Ceiling;
+    use crate::world::Beam;
+    use glam::DVec3;
     use squall_formats::units::{Metres, Radians};
 
     const HEAVY: MillimetresPerHour = MillimetresPerHour(25.0);
@@ -283,13 +195,13 @@ mod tests {
 
     fn apply(medium: &Medium, volume: &RainVolume, metres: &[f32]) -> (Picture, Vec<f32>) {
         use crate::depth::DepthKind;
-        let light = Illumination { ambient: [1.0; 3], ..Default::default() };
+        let light = medium.in_scattering(&WorldLight::uniform([1.0; 3]));
         let camera = camera();
         let mut picture = Picture::new(40, 30).unwrap();
         picture.pixels.fill([5.0; 3]);
         let mut left = vec![0.0; 1200];
         let depth = DepthBuffer::new(metres, 40, 30, DepthKind::Range).unwrap();
-        let outlook = Outlook { camera: &camera, volume: *volume, light, depth: Some(depth) };
+        let outlook = Outlook { camera: &camera, volume: *volume, light: &light, depth: Some(depth) };
         medium.apply(&outlook, &mut picture, &mut left).unwrap();
         (picture, left)
     }
@@ -310,7 +222,7 @@ mod tests {
     fn endless_rain_hides_the_sky_and_a_ceiling_leaves_some() {
         let sky = vec![f32::INFINITY; 1200];
         let (picture, left) = apply(&Medium::whole(HEAVY), &RainVolume::default(), &sky);
-        assert!(left.iter().all(|&v| v == 0.0) && picture.pixels.iter().all(|p| p[0] == 1.0));
+        assert!(left.iter().all(|&v| v == 0.0) && picture.pixels.iter().all(|p| (p[0] - 1.0).abs() < 1e-6));
         let ceiling = Some(Ceiling { height: Metres(500.0), softness: Metres(100.0) });
         let (_, left) = apply(&Medium::whole(HEAVY), &RainVolume { ceiling, region: None }, &sky);
         assert!(left[20] > 0.0 && left[20 + 29 * 40] == 0.0 && left[20] > left[20 + 10 * 40]);
@@ -326,14 +238,16 @@ mod tests {
     #[test]
     fn light_from_ahead_is_scattered_on_and_light_from_behind_is_not() {
         let medium = Medium::geometric(HEAVY);
-        let beam = |direction| Illumination { irradiance: [1.0; 3], direction, ambient: [0.0; 3] };
-        let [ahead, behind] = [-DVec3::X, DVec3::X].map(|d| medium.source(&beam(d), DVec3::X)[0]);
+        let lit = |medium: &Medium, towards| {
+            let beam = Beam { towards, irradiance: [1.0; 3] };
+            medium.in_scattering(&WorldLight::default()).with_beam(beam).radiance(DVec3::X)[0]
+        };
+        let [ahead, behind] = [DVec3::X, -DVec3::X].map(|towards| lit(&medium, towards));
         assert!(ahead > 100.0 * behind);
         // [weber] eq. 10 as printed loses a factor (1 + g)/(1 − g), 19 at g = 0.9.
-        let printed = Medium { phase: Phase::Paper(0.9), ..medium.clone() };
-        let right = Medium { phase: Phase::HenyeyGreenstein(0.9), ..medium };
-        let ratio = right.source(&beam(DVec3::Y), DVec3::X)[0] / printed.source(&beam(DVec3::Y), DVec3::X)[0];
-        assert!((ratio - 19.0).abs() < 1e-3);
+        let printed = medium.clone().with_phase(Phase::Paper(0.9));
+        let right = medium.with_phase(Phase::HenyeyGreenstein(0.9));
+        assert!((lit(&right, DVec3::Y) / lit(&printed, DVec3::Y) - 19.0).abs() < 1e-3);
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod light;
 mod lit_stroke;
 mod rain;
 mod town;
+mod world;
 
 use crate::camera::Camera;
 use crate::clouds::{Clouds, SunSource};

@@ -13,9 +13,11 @@
 
 mod degrees;
 mod estimate;
+mod stored;
 
 use crate::camera::Ray;
 use crate::medium::Phase;
+use crate::parallel::prelude::*;
 use crate::rain::RainLight;
 use crate::shade::sky::harmonics::Harmonics;
 use degrees::{Basis, COUNT, DEGREE};
@@ -105,8 +107,8 @@ impl WorldLight {
     pub fn in_scattering(&self, phase: &Phase) -> InScattering {
         let mut blurred = [[0.0f32; 3]; COUNT];
         for (i, value) in self.harmonics.iter().chain(&self.finer).enumerate() {
-            let moment = phase.moment(degrees::degree_of(i)) as f32;
-            blurred[i] = value.map(|value| value * moment);
+            let moments = phase.moments(degrees::degree_of(i));
+            blurred[i] = std::array::from_fn(|band| value[band] * moments[band] as f32);
         }
         let count = if self.finer.is_empty() { 9 } else { COUNT };
         let sun = self.sun.iter().filter(|sun| sun.irradiance != [0.0; 3]);
@@ -151,10 +153,15 @@ impl InScattering {
         let mut sum = self.map.lookup(direction.as_vec3());
         for beam in &self.beams {
             // Light from `towards` travels against it, and what reaches the eye against `direction`.
-            let share = self.phase.value(direction.dot(beam.towards)) as f32;
-            (0..3).for_each(|band| sum[band] += share * beam.irradiance[band]);
+            let share = self.phase.values(direction.dot(beam.towards));
+            (0..3).for_each(|band| sum[band] += share[band] as f32 * beam.irradiance[band]);
         }
         sum
+    }
+
+    /// The part that comes from everywhere, the beams left out; smooth in `direction`, which may have any length.
+    pub(crate) fn diffuse(&self, direction: Vec3) -> [f32; 3] {
+        self.map.lookup(direction)
     }
 
     /// The phase function.
@@ -182,7 +189,7 @@ struct Map {
 
 impl Map {
     /// Steps along the side of the unfolded octahedron; even, so that its folds lie on nodes.
-    const STEPS: usize = 128;
+    const STEPS: usize = 160;
 
     fn new(coefficients: &[[f32; 3]]) -> Self {
         let basis = Basis::new();
@@ -192,7 +199,12 @@ impl Map {
             // Blurred harmonics of a positive world are positive but for what the degrees above the last would add.
             basis.sum(coefficients, unfolded(x, y)).map(|value| value.max(0.0))
         };
-        Self { texels: (0..side * side).map(texel).collect() }
+        let mut texels = vec![[0.0; 3]; side * side];
+        let row = |(row, texels): (usize, &mut [[f32; 3]])| {
+            texels.iter_mut().enumerate().for_each(|(i, value)| *value = texel(row * side + i));
+        };
+        texels.par_chunks_mut(side).enumerate().for_each(row);
+        Self { texels }
     }
 
     fn lookup(&self, d: Vec3) -> [f32; 3] {

@@ -6,8 +6,17 @@ use std::ffi::{OsStr, OsString};
 use std::process::Command;
 
 /// What the runtime needs at most, everything optional included.
-const RUNTIME_NEEDS: [&str; 8] =
-    ["bytemuck", "glam", "libm", "memmap2", "rayon", "squall-formats", "squall-transport", "thiserror"];
+const RUNTIME_NEEDS: [&str; 9] = [
+    "bytemuck",
+    "fearless_simd",
+    "glam",
+    "libm",
+    "memmap2",
+    "rayon",
+    "squall-formats",
+    "squall-transport",
+    "thiserror",
+];
 /// The same of light transport in clouds.
 const TRANSPORT_NEEDS: [&str; 7] =
     ["bytemuck", "fearless_simd", "glam", "libm", "rayon", "squall-formats", "thiserror"];
@@ -124,7 +133,9 @@ fn a_runtime_that_only_reads_and_shades_is_built_without_the_solver() {
     for features in [&[][..], &["--no-default-features"]] {
         assert!(!built(features).contains("fearless_simd"), "{features:?}");
     }
-    assert!(built(&["--features", "live"]).contains("fearless_simd"));
+    for features in ["live", "simd"] {
+        assert!(built(&["--features", features]).contains("fearless_simd"));
+    }
 }
 
 #[test]

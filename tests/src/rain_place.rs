@@ -7,11 +7,12 @@ use squall_formats::section::density::Mode;
 use squall_formats::units::{Metres, Millimetres, MillimetresPerHour, Seconds};
 use squall_runtime::camera::Ray;
 use squall_runtime::density::lookup_counts;
-use squall_runtime::medium::{Illumination, Medium, Outlook};
+use squall_runtime::medium::{Medium, Outlook};
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{
     CoverMap, Covers, RainField, RainMap, RainPath, RainVolume, Shot, Streak, Weather, Workspace,
 };
+use squall_runtime::world::WorldLight;
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -165,8 +166,8 @@ fn a_sphere_of_the_sky_leaves_its_gradients_and_rain_without_end_does_not() {
         for (i, pixel) in picture.pixels.iter_mut().enumerate() {
             *pixel = [1.0 + (i / 40) as f32 * 0.05; 3];
         }
-        let light = Illumination { ambient: [0.7; 3], ..Default::default() };
-        let outlook = Outlook { camera: &camera, volume: field, light, depth: None };
+        let light = medium.in_scattering(&WorldLight::uniform([0.7; 3]));
+        let outlook = Outlook { camera: &camera, volume: field, light: &light, depth: None };
         medium.apply(&outlook, &mut picture, &mut vec![0.0; 3600]).unwrap();
         (0..90).map(|row| picture.pixels[row * 40 + 20][0]).collect()
     };

@@ -12,6 +12,7 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
+use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::response::{
     Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SunDirections,
 };
@@ -223,6 +224,18 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
             let section = asset.section(entry.tag, "streak patterns", StreakSection::read)?;
             let terms: usize = section.patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
             format!("streaks: {} patterns, {terms} terms", section.patterns.len())
+        }
+        RainPlaceSection::TAG => {
+            let place = asset.section(entry.tag, "the place of rain", RainPlaceSection::read)?;
+            let map = place.map.map_or_else(
+                || "no map".to_owned(),
+                |map| {
+                    let [nx, ny] = map.size;
+                    format!("{nx} × {ny} cells of {} m, to {} mm/h", map.cell_m, map.heaviest_mm_per_h)
+                },
+            );
+            let seen = place.farthest_m.map_or_else(String::new, |far| format!(", seen to {far} m"));
+            format!("place of rain: {map}{seen}")
         }
         TownSection::TAG => {
             let town = asset.section(entry.tag, "the ground and what stands on it", TownSection::read)?;

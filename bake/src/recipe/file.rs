@@ -64,8 +64,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     let source = Source { file: path, text: without_mark(&text) };
     let file: RecipeFile = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;
     let has_strokes = !file.strokes.is_empty();
+    let has_cloud = file.clouds.is_some();
     let mut clouds = file.clouds.map(|clouds| clouds.check(has_strokes, &source)).transpose()?;
-    let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
+    let rain = file.rain.map(|rain| rain.check(&source, has_cloud)).transpose()?;
     let mut strokes: Vec<StrokeRecord> = Vec::new();
     for (number, stroke) in file.strokes.into_iter().enumerate() {
         let span = stroke.span();

@@ -110,6 +110,44 @@ pub struct Rain {
     pub method_given: bool,
     /// What the density table must cover, and how well.
     pub density: DensitySpec,
+    /// Rain over the ground.
+    pub map: Option<RainMapSpec>,
+    /// Distance from the eye beyond which rain is not looked through, m.
+    pub farthest_m: Option<f64>,
+}
+
+/// A map of rain over the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RainMapSpec {
+    /// Where it comes from.
+    pub source: RainMapSource,
+    /// Rate of the heaviest rain, mm/h; what the file says where absent.
+    pub rate_mm_per_h: Option<f64>,
+    /// Height that rain falls from, m; a cloud's base, or none, where absent.
+    pub top_m: Option<f64>,
+    /// Height over which it fades above that, m.
+    pub softness_m: f64,
+}
+
+/// Where a map of rain comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RainMapSource {
+    /// A file over a square grid.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Cells along x and y, of files that do not say so themselves.
+        cells: Option<[u32; 2]>,
+        /// Lowest corner, m.
+        origin_m: [f64; 2],
+        /// Edge of a cell, m.
+        cell_m: f64,
+    },
+    /// The recipe's cloud.
+    Cloud {
+        /// Water of a column that rains nothing yet, over the wettest one's.
+        least_water: f64,
+    },
 }
 
 /// Optics for scenes that leave them out, where a command brings its own.

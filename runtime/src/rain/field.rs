@@ -13,6 +13,12 @@ pub trait RainPath: Sync {
     fn is_everywhere(&self) -> bool;
     /// Whether rain is the same throughout the ball around `centre`.
     fn fills(&self, centre: DVec3, radius: f64) -> bool;
+    /// Radius of a ball around `centre` in which rain is the same up to [`RainPath::farthest`]; negative where there is none.
+    fn filled_radius(&self, centre: DVec3) -> f64;
+    /// Distance at which every ray ends; infinite where none does.
+    fn farthest(&self) -> f64 {
+        f64::INFINITY
+    }
     /// Metres of full rain on a ray between the distances `from` ≥ 0 and `to`.
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64;
 }
@@ -24,6 +30,10 @@ impl RainPath for RainVolume {
 
     fn fills(&self, centre: DVec3, radius: f64) -> bool {
         Self::fills(self, centre, radius)
+    }
+
+    fn filled_radius(&self, centre: DVec3) -> f64 {
+        Self::filled_radius(self, centre)
     }
 
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64 {
@@ -107,6 +117,14 @@ impl RainPath for RainField<'_> {
         self.map.is_none()
             && self.farthest.is_none_or(|farthest| radius <= farthest.0)
             && self.volume.fills(centre, radius)
+    }
+
+    fn filled_radius(&self, centre: DVec3) -> f64 {
+        if self.map.is_some() { f64::NEG_INFINITY } else { self.volume.filled_radius(centre) }
+    }
+
+    fn farthest(&self) -> f64 {
+        self.farthest.map_or(f64::INFINITY, |farthest| farthest.0)
     }
 
     /// Metres of rain on the ray between the distances `from` ≥ 0 and `to`, as dense as [`RainField::rate`] has it: its extinction

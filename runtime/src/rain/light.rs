@@ -2,7 +2,6 @@
 
 use crate::camera::Ray;
 use crate::phase::henyey_greenstein;
-use crate::picture::Picture;
 use glam::DVec3;
 use squall_formats::drops::Optics;
 
@@ -18,7 +17,8 @@ impl<F: Fn(&Ray, f64) -> [f32; 3] + Sync> RainLight for F {
     }
 }
 
-/// A scene in three radiances and a flash.
+/// A scene in three radiances and a flash, for frames whose world nobody knows better; where one does, a
+/// [`crate::world::InScattering`] lights drops and medium alike.
 ///
 /// A drop is a strong, upside-down wide-angle lens: half of its disc shows what lies within 25° of the line of
 /// sight, 80 % what lies within 45°, the rim what lies beyond. This environment keeps of that what a streak
@@ -41,29 +41,6 @@ pub struct Surroundings {
 impl Surroundings {
     /// Share of a level streak that shows what stands around the horizon; the rest is half sky, half ground.
     const HORIZON_SHARE: f64 = 0.4;
-
-    /// A guess from the picture that it will rain on: the means of its top third, its bottom third and the
-    /// whole. No flash.
-    pub fn from_picture(picture: &Picture) -> Self {
-        let mean = |rows: std::ops::Range<usize>| {
-            let pixels = &picture.pixels[rows.start * picture.width..rows.end * picture.width];
-            let mut sum = [0.0f64; 3];
-            for pixel in pixels {
-                for colour in 0..3 {
-                    // Holes and infinities of somebody's frame must not spread over all the rain.
-                    sum[colour] += if pixel[colour].is_finite() { f64::from(pixel[colour]) } else { 0.0 };
-                }
-            }
-            sum.map(|value| (value / pixels.len().max(1) as f64) as f32)
-        };
-        let third = picture.height.div_ceil(3);
-        Self {
-            above: mean(0..third),
-            below: mean(picture.height - third..picture.height),
-            behind: mean(0..picture.height),
-            ..Self::default()
-        }
-    }
 }
 
 impl RainLight for Surroundings {
@@ -111,15 +88,5 @@ mod tests {
         let flash =
             Surroundings { flash_irradiance: [1.0; 3], flash_direction: DVec3::X, ..Default::default() };
         assert!(drop_radiance(&flash, -DVec3::X) > 10.0 * drop_radiance(&flash, DVec3::X));
-    }
-
-    #[test]
-    fn a_guess_takes_thirds_and_skips_holes() {
-        let mut picture = Picture::new(2, 6).unwrap();
-        picture.pixels[..4].fill([4.0; 3]);
-        picture.pixels[8..].fill([1.0; 3]);
-        picture.pixels[11] = [f32::NAN; 3];
-        let guess = Surroundings::from_picture(&picture);
-        assert_eq!((guess.above[0], guess.below[0]), (4.0, 0.75));
     }
 }

@@ -83,12 +83,18 @@ impl RainVolume {
 
     /// Whether rain is full throughout the ball around `centre`.
     pub fn fills(&self, centre: DVec3, radius: f64) -> bool {
-        let below = self.ceiling.is_none_or(|c| centre.z + radius <= c.height.0);
-        let inside = self.region.is_none_or(|r| {
+        radius <= self.filled_radius(centre)
+    }
+
+    /// Largest radius of a ball around `centre` in which rain is full; negative where it is not full at the centre itself, and
+    /// infinite without bounds.
+    pub fn filled_radius(&self, centre: DVec3) -> f64 {
+        let below = self.ceiling.map_or(f64::INFINITY, |c| c.height.0 - centre.z);
+        let inside = self.region.map_or(f64::INFINITY, |r| {
             let (x, y) = (centre.x - r.centre[0], centre.y - r.centre[1]);
-            (x * x + y * y).sqrt() + radius <= r.radius.0
+            r.radius.0 - (x * x + y * y).sqrt()
         });
-        below && inside
+        below.min(inside)
     }
 
     /// Metres of full rain on the ray between the distances `from` ≥ 0 and `to`: ∫ density ds, exact up to

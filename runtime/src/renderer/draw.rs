@@ -9,13 +9,13 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
-use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town};
+use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::{Rain, Surroundings};
+use crate::rain::Rain;
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
@@ -24,6 +24,7 @@ use crate::shade::town::frame::TownFrame;
 use crate::shade::town::light::Lighting;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
+use crate::world::WorldLight;
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::sync::Arc;
@@ -38,7 +39,7 @@ const MIRROR_SIZE: [usize; 2] = [400, 240];
 const FARTHEST_GROUND_M: f32 = 4e4;
 
 /// Radiance of sky and cloud along a ray, W/(m² sr).
-type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
+pub(super) type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
 /// Mean radiance of the sun's disc over pixel (x, y) with this ray, W/(m² sr).
 type Disc<'a> = dyn Fn(usize, usize, &Ray) -> [f32; 3] + Sync + 'a;
 
@@ -90,11 +91,12 @@ impl Scene {
             }
             light
         };
+        let around = world::look_around(eye, &beyond);
         self.render_town(
             frame,
             sky,
             &flashes,
-            (&beyond, clouds.marched(&memory.flash_cells)),
+            (&beyond, &around, clouds.marched(&memory.flash_cells)),
             &mut memory.town,
         );
         // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
@@ -105,7 +107,8 @@ impl Scene {
             disc.map(|value| value * open)
         };
         self.compose(camera, sky, (&beyond, &disc), memory.town.frame(), &mut memory.picture);
-        self.draw_rain(frame, sky, &flashes, memory, &mut report)?;
+        let light = world::light_of(&around, sky.sun());
+        self.draw_rain(frame, (sky, &light), &flashes, memory, &mut report)?;
         Ok(report)
     }
 
@@ -115,7 +118,7 @@ impl Scene {
         frame: &Frame,
         sky: &Sky,
         flashes: &[LitStroke],
-        (beyond, lit): (&Beyond<'_>, Option<CloudPicture<'_>>),
+        (beyond, around, lit): (&Beyond<'_>, &Environment, Option<CloudPicture<'_>>),
         out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
@@ -124,6 +127,7 @@ impl Scene {
         let window = EnvironmentWindow {
             heading: heading_of(camera),
             half_width: Radians(MIRROR_HALF_WIDTH),
+            bottom: Radians(0.0),
             top: Radians(MIRROR_TOP),
             size: MIRROR_SIZE,
         };
@@ -133,7 +137,10 @@ impl Scene {
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
         let ambient = |normal: Vec3| sky.ambient_irradiance(normal);
-        let leaves = |_: Vec3, direction: Vec3| mirror.lookup(direction);
+        let leaves = |_: Vec3, direction: Vec3| {
+            // Finely where the picture's own puddles look, coarsely all around.
+            if mirror.holds(direction) { mirror.lookup(direction) } else { around.lookup(direction) }
+        };
         let lighting = Lighting {
             ambient: &ambient,
             points: &[],
@@ -149,7 +156,7 @@ impl Scene {
     fn draw_rain(
         &self,
         frame: &Frame,
-        sky: &Sky,
+        (sky, light): (&Sky, &WorldLight),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
@@ -171,7 +178,7 @@ impl Scene {
             town,
             place: &self.rain_place,
             has_depth: town.is_some(),
-            surroundings: Surroundings::from_picture(&memory.picture),
+            world: light,
         };
         let medium = rain::medium(&task, memory)?;
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);

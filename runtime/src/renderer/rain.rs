@@ -7,15 +7,15 @@ use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
-use crate::medium::{Illumination, Medium, Outlook};
+use crate::medium::{Medium, Outlook, Phase};
 use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MapChoice, Rain, RainField, RainLight, RainMap, Scene, Shelter, Shot, SmoothWindow, Surroundings,
-    Workspace,
+    Covers, MapChoice, Rain, RainField, RainLight, RainMap, Scene, Shelter, Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
+use crate::world::{Beam, InScattering, WorldLight};
 use glam::DVec3;
 use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
@@ -35,8 +35,8 @@ pub struct Task<'a> {
     pub town: Option<&'a Town>,
     pub place: &'a Place,
     pub has_depth: bool,
-    /// The picture's own radiances, before its channels were drawn: a drop's surroundings.
-    pub surroundings: Surroundings,
+    /// What shines on the rain from afar.
+    pub world: &'a WorldLight,
 }
 
 /// Where an asset's rain is.
@@ -71,13 +71,13 @@ const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
 struct DropLight {
-    scene: Surroundings,
+    world: InScattering,
     lamps: Vec<(DVec3, [f32; 3])>,
 }
 
 impl RainLight for DropLight {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
-        let mut light = self.scene.radiance(ray, distance);
+        let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
         for (lamp, intensity) in &self.lamps {
             let way = drop - *lamp;
@@ -145,16 +145,16 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
     let field = task.place.field(task.frame);
     let (irradiance, direction) = irradiance_at(task.flashes, camera.position);
-    let mut scene = task.surroundings;
-    (scene.flash_irradiance, scene.flash_direction) = (irradiance, direction);
+    let flash = Beam { towards: -direction, irradiance };
+    let drops = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
+    let world = task.world.in_scattering(&drops).with_beam(flash);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
     let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
-    let light = DropLight { scene, lamps };
+    let light = DropLight { world, lamps };
     if weather.rate.0 == 0.0 {
         return Ok(RainMedium { medium: None, field, light });
     }
-    let ambient: [f32; 3] = std::array::from_fn(|band| 0.5 * (scene.above[band] + scene.below[band]));
     memory.metres.clear();
     if task.has_depth {
         memory.metres.extend(memory.town.frame().pixels.iter().map(|pixel| pixel.distance));
@@ -163,8 +163,11 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
     let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
-    let outlook =
-        Outlook { camera, volume: field, light: Illumination { irradiance, direction, ambient }, depth };
+    let own = match *medium.phase() == drops {
+        true => light.world.clone(),
+        false => medium.in_scattering(task.world).with_beam(flash),
+    };
+    let outlook = Outlook { camera, volume: field, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;

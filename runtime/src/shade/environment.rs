@@ -14,7 +14,9 @@ pub struct EnvironmentWindow {
     pub heading: Radians,
     /// Half the width in azimuth, in (0, π].
     pub half_width: Radians,
-    /// Highest elevation, in (0, π/2]; the lowest is 0.
+    /// Lowest elevation, in [−π/2, π/2).
+    pub bottom: Radians,
+    /// Highest elevation, in (bottom, π/2].
     pub top: Radians,
     /// Columns and rows, at least 2 each.
     pub size: [usize; 2],
@@ -30,10 +32,10 @@ impl Environment {
     /// Fills the picture with `radiance` of unit directions, row by row.
     pub fn new(window: EnvironmentWindow, radiance: &(dyn Fn(Vec3) -> [f32; 3] + Sync)) -> Self {
         let window = EnvironmentWindow { size: window.size.map(|count| count.max(2)), ..window };
-        let [columns, rows] = window.size;
+        let ([columns, rows], bottom) = (window.size, window.bottom.0);
         let mut pixels = vec![[0.0; 3]; columns * rows];
         let row = |(y, row): (usize, &mut [[f32; 3]])| {
-            let (rise, level) = libm::sincos(window.top.0 * y as f64 / (rows - 1) as f64);
+            let (rise, level) = libm::sincos(bottom + (window.top.0 - bottom) * y as f64 / (rows - 1) as f64);
             for (x, pixel) in row.iter_mut().enumerate() {
                 let across = 2.0 * x as f64 / (columns - 1) as f64 - 1.0;
                 let (sin, cos) = libm::sincos(window.heading.0 + across * window.half_width.0);
@@ -44,15 +46,28 @@ impl Environment {
         Self { window, pixels }
     }
 
-    /// Radiance from unit `direction`, bilinear.
-    pub fn lookup(&self, direction: Vec3) -> [f32; 3] {
-        let [columns, rows] = self.window.size;
+    /// Whether unit `direction` is inside the window.
+    pub fn holds(&self, direction: Vec3) -> bool {
+        let [across, up] = self.place(direction);
+        (0.0..=1.0).contains(&across) && (0.0..=1.0).contains(&up)
+    }
+
+    /// Place in the window, in [0, 1] where it is inside.
+    fn place(&self, direction: Vec3) -> [f64; 2] {
         let azimuth = libm::atan2f(direction.y, direction.x);
         let off = f64::from(azimuth) - self.window.heading.0;
         let off = off - std::f64::consts::TAU * libm::rint(off / std::f64::consts::TAU);
-        let across = (0.5 + 0.5 * off / self.window.half_width.0).clamp(0.0, 1.0) * (columns - 1) as f64;
-        let elevation = f64::from(libm::asinf(direction.z.clamp(0.0, 1.0)));
-        let up = (elevation / self.window.top.0).clamp(0.0, 1.0) * (rows - 1) as f64;
+        let elevation = f64::from(libm::asinf(direction.z.clamp(-1.0, 1.0)));
+        let bottom = self.window.bottom.0;
+        [0.5 + 0.5 * off / self.window.half_width.0, (elevation - bottom) / (self.window.top.0 - bottom)]
+    }
+
+    /// Radiance from unit `direction`, bilinear.
+    pub fn lookup(&self, direction: Vec3) -> [f32; 3] {
+        let [columns, rows] = self.window.size;
+        let [across, up] = self.place(direction);
+        let across = across.clamp(0.0, 1.0) * (columns - 1) as f64;
+        let up = up.clamp(0.0, 1.0) * (rows - 1) as f64;
         let (x, y) = ((across as usize).min(columns - 2), (up as usize).min(rows - 2));
         let (u, v) = ((across - x as f64) as f32, (up - y as f64) as f32);
         let at = |x: usize, y: usize| self.pixels[x + columns * y];
@@ -76,6 +91,7 @@ mod tests {
         let window = EnvironmentWindow {
             heading: Radians(3.0),
             half_width: Radians(1.0),
+            bottom: Radians(0.0),
             top: Radians(0.8),
             size: [64, 64],
         };
@@ -87,6 +103,7 @@ mod tests {
             assert!((read[0] - se).abs() < INTERPOLATION && (read[1] - ce * ca).abs() < INTERPOLATION);
             assert_eq!(read[2], 1.0);
         }
+        assert!(environment.holds(Vec3::new(-1.0, 0.1, 0.2).normalize()) && !environment.holds(Vec3::X));
         let edge = environment.lookup(Vec3::Z)[0];
         assert!((edge - libm::sinf(0.8)).abs() < INTERPOLATION, "{edge}");
     }

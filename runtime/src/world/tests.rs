@@ -19,7 +19,7 @@ fn integral(phase: &Phase, radiance: &dyn Fn(Vec3) -> [f32; 3], towards: DVec3) 
             let (sin, cos) =
                 libm::sincos(std::f64::consts::TAU * (f64::from(spoke) + 0.5) / f64::from(spokes));
             let d = DVec3::new(rho * cos, rho * sin, z);
-            sum += phase.value(d.dot(towards)) * f64::from(radiance(d.as_vec3())[0]);
+            sum += phase.values(d.dot(towards))[0] * f64::from(radiance(d.as_vec3())[0]);
         }
     }
     sum * 4.0 * std::f64::consts::PI / f64::from(rings * spokes)
@@ -74,7 +74,7 @@ fn the_sun_is_scattered_by_equation_12_on_top_of_the_sky() {
     let (dark, lit) = (WorldLight::uniform([1.0; 3]), WorldLight::uniform([1.0; 3]).with_sun(Some(sun)));
     for towards in [DVec3::X, DVec3::Z, DVec3::new(0.6, 0.0, 0.8), DVec3::new(-0.6, 0.0, -0.8)] {
         let [a, b] = [&dark, &lit].map(|world| world.in_scattering(&geometric()).radiance(towards));
-        let phase = geometric().value(towards.dot(sun.towards.as_dvec3()));
+        let phase = geometric().values(towards.dot(sun.towards.as_dvec3()))[0];
         for band in 0..3 {
             let wanted = phase * f64::from(sun.irradiance[band]);
             assert!((f64::from(b[band] - a[band]) - wanted).abs() < 1e-5 * (1.0 + wanted));

@@ -11,10 +11,11 @@ use squall_formats::units::{Metres, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::density::lookup_counts;
 use squall_runtime::depth::{DepthBuffer, DepthHoles, DepthKind};
-use squall_runtime::medium::{Illumination, Medium, Outlook};
+use squall_runtime::medium::{Medium, Outlook};
 use squall_runtime::picture::Picture;
 use squall_runtime::rain::{RainVolume, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
 use squall_runtime::tone::Tone;
+use squall_runtime::world::WorldLight;
 use squall_runtime::{Frame, StormRenderer};
 
 #[test]
@@ -169,14 +170,14 @@ fn depth_of_zero_and_of_no_number_is_left_alone_and_of_infinity_is_endless_rain(
     let camera = Camera::new(DVec3::Z * 2.0, DVec3::X, DVec3::Z, projection, [4, 2]).unwrap();
     let metres = [0.0, f32::NAN, -1.0, f32::NEG_INFINITY, f32::INFINITY, 1e-30, 1e30, 100.0];
     let medium = Medium::whole(rate(25.0));
-    let light = Illumination { ambient: [1.0; 3], ..Default::default() };
+    let light = medium.in_scattering(&WorldLight::uniform([1.0; 3]));
     println!("| holes at | transmittance of 0, NaN, −1, −∞, ∞, 1e-30, 1e30, 100 m |");
     for (unknown, hole) in [(f64::INFINITY, 0.0), (f64::NAN, 1.0), (-5.0, 1.0), (0.0, 1.0), (1e-9, 1.0)] {
         for kind in [DepthKind::Planar, DepthKind::Range] {
             let holes = DepthHoles::At(Metres(unknown));
             let depth = DepthBuffer::new(&metres, 4, 2, kind).unwrap().with_holes(holes);
             let outlook =
-                Outlook { camera: &camera, volume: RainVolume::default(), light, depth: Some(depth) };
+                Outlook { camera: &camera, volume: RainVolume::default(), light: &light, depth: Some(depth) };
             let mut picture = Picture::new(4, 2).unwrap();
             picture.pixels.fill([f32::INFINITY; 3]);
             picture.pixels[7] = [3.0; 3];
