@@ -68,6 +68,7 @@ pub mod load;
 pub mod medium;
 #[doc(hidden)]
 pub mod noise;
+mod octahedron;
 pub mod picture;
 pub mod place;
 pub mod rain;

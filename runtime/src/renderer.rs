@@ -6,6 +6,7 @@ mod light;
 mod lit_stroke;
 mod rain;
 mod town;
+mod town_rain;
 mod world;
 
 use crate::camera::Camera;
