@@ -215,7 +215,7 @@ fn compare_grids(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), Bak
 fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {
     let tag = ResponseSection::TAG;
     let [x, r] = [Relighter::new(a)?, Relighter::new(b)?];
-    if x.cloud().shape != r.cloud().shape {
+    if x.light_cloud().shape != r.light_cloud().shape {
         found.cannot(tag, "clouds of other shapes");
         return Ok(());
     }
@@ -225,8 +225,9 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
     }
     let Some(views) = common_views(&x, &r, found) else { return Ok(()) };
     let head = |relighter: &Relighter| {
-        let frame =
-            relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
+        let frame = relighter
+            .view_region()
+            .map(|view_region| view_region_frame(view_region, relighter.light_cloud()));
         views.factors(relighter.response().head.basis, frame.as_ref())
     };
     let factors = [head(&x), head(&r)];
@@ -246,7 +247,7 @@ fn compare_responses(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(),
         let usable = |point| x.reaches(point) && r.reaches(point);
         let [low, high] = x.bounds();
         let spacing = (high - low).max_element() / 40.0;
-        strokes = grown_strokes(x.cloud(), x.bounds(), usable, spacing, 0..STROKES);
+        strokes = grown_strokes(x.light_cloud(), x.bounds(), usable, spacing, 0..STROKES);
     }
     if strokes.is_empty() {
         found.cannot(tag, "no stroke that both can relight");
@@ -294,14 +295,14 @@ fn common_views(x: &Relighter, r: &Relighter, found: &mut Difference) -> Option<
         found.cannot(tag, "view regions that do not meet");
         return None;
     }
-    let [known_x, known_r] = [x.known_cells(), r.known_cells()];
+    let [known_x, known_r] = [x.known_light_cells(), r.known_light_cells()];
     let both: Vec<bool> = known_x.iter().zip(&known_r).map(|(x, r)| *x && *r).collect();
     let count = |cells: &[bool]| cells.iter().filter(|&&known| known).count();
     if known_x != known_r {
         let [x, r, common] = [count(&known_x), count(&known_r), count(&both)];
         found.cannot(tag, format!("light in {x} cells beside {r}; compared in the {common} of both"));
     }
-    both.contains(&true).then(|| Views::new(x.cloud(), view_region.as_ref(), 0, |cell| both[cell]))
+    both.contains(&true).then(|| Views::new(x.light_cloud(), view_region.as_ref(), 0, |cell| both[cell]))
 }
 
 fn compare_streaks(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), BakeError> {

@@ -7,7 +7,8 @@
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
 use crate::memory::{Limit, require_bake};
-use crate::plan::lights::Site;
+use crate::plan::lights::{Site, in_light_cells};
+use crate::plan::sun::usual_sun;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::BATCH;
 use serde::Serialize;
@@ -87,7 +88,8 @@ pub fn estimate(recipe: &Recipe) -> Result<Estimate, BakeError> {
     let mut cpu_seconds = STREAK * streak_pictures as f64 + if rain.is_some() { DENSITY } else { 0.0 };
     let mut clouds = None;
     if let Some(part) = &recipe.clouds {
-        let cloud = read_scene(&part.scene, part.optics)?.cloud;
+        let shown = read_scene(&part.scene, part.optics)?.cloud;
+        let cloud = in_light_cells(recipe, part, &shown)?.unwrap_or(shown);
         let mut work = work(recipe, part, &cloud)?;
         work.cpu_seconds = work.seconds(part, &cloud);
         cpu_seconds += work.cpu_seconds;
@@ -113,7 +115,7 @@ fn work(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<CloudWork, Ba
         directions: settings.solve.quadrature.ordinates()?.len(),
         light_grid: lights.grid.axes().map(<[f64]>::len),
         virtual_lights: lights.wanted_count(),
-        distant: clouds.distant.len(),
+        distant: clouds.distant.len() + usual_sun(&site)?.map_or(0, |sun| sun.beams.len()),
         coefficients: settings.basis.count(),
         held_out_strokes: strokes.len(),
         held_out_points: strokes.iter().map(Vec::len).sum(),
@@ -158,7 +160,7 @@ impl CloudWork {
         let traced = steps * (RAY[0] + in_rows) * self.virtual_lights as f64
             + steps
                 * (RAY[0] + RAY[1])
-                * (self.held_out_points as f64 + 0.5 * BEAMS_OF_SKY * self.distant as f64);
+                * (self.held_out_points as f64 + 0.5 * BEAMS_OF_SKY * clouds.distant.len() as f64);
         let rows = (self.virtual_lights + self.distant) as f64;
         let coded = CODE * rows * self.coefficients as f64 * cloud.shape.len() as f64;
         swept + traced + coded

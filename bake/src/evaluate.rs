@@ -6,6 +6,7 @@
 pub mod candidate;
 pub mod cost;
 pub mod held_out;
+pub mod sun;
 pub mod views;
 
 /// √(Σ w (x−r)² / Σ w r²), the relative L2 error, summed value by value in double precision.
@@ -92,6 +93,8 @@ pub struct Outcome {
     pub bytes: u64,
     /// Milliseconds that relighting a stroke counts for, at most: [`cost`].
     pub relight_ms: f64,
+    /// Error under suns that no beam was baked for, where there are several: [`sun`].
+    pub sun_l2: Option<f64>,
 }
 
 impl RelitError {

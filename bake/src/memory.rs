@@ -5,7 +5,8 @@
 
 use crate::error::BakeError;
 use crate::input::scene::read_scene;
-use crate::plan::lights::Site;
+use crate::plan::lights::{Site, in_light_cells};
+use crate::plan::sun::usual_sun;
 use crate::recipe::model::{Clouds, Recipe};
 use crate::response::BATCH;
 use squall_formats::section::response::DirectTerm;
@@ -137,7 +138,8 @@ fn remedy(clouds: &Clouds) -> &'static str {
 /// Errors: too little memory (exit code 3); inputs that are missing or out of range.
 pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Option<Estimate>, BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(None) };
-    let cloud = read_scene(&clouds.scene, clouds.optics)?.cloud;
+    let shown = read_scene(&clouds.scene, clouds.optics)?.cloud;
+    let cloud = in_light_cells(recipe, clouds, &shown)?.unwrap_or(shown);
     let rows = rows_of(recipe, clouds, &cloud)? + clouds.distant.len() as u64;
     let estimate = of_response(clouds, cloud.shape.len() as u64, rows, threads);
     estimate.require(&clouds.scene, limit, remedy(clouds))?;
@@ -146,7 +148,8 @@ pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Optio
 
 fn rows_of(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<u64, BakeError> {
     let site = Site::new(recipe, clouds, cloud);
-    Ok(site.place_lights(site.usual_spacing_m())?.wanted_count() as u64)
+    let suns = usual_sun(&site)?.map_or(0, |sun| sun.beams.len());
+    Ok((site.place_lights(site.usual_spacing_m())?.wanted_count() + suns) as u64)
 }
 
 /// Cells of a scene's grid by its own words, without reading it; none where they do not say, or say more than any grid may have.

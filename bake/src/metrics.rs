@@ -19,7 +19,7 @@ pub struct Metric {
 const STROKES: &str = "clouds with test_strokes above 0";
 
 /// All of them.
-pub const METRICS: [Metric; 13] = [
+pub const METRICS: [Metric; 15] = [
     Metric {
         name: "stroke_l2",
         meaning: "relative L2 error of held-out strokes, all light, against the strokes solved directly",
@@ -55,6 +55,18 @@ pub const METRICS: [Metric; 13] = [
         meaning: "relative L2 error of a held-out stroke against the finest solve tried",
         measured_with: "solver_l2 in [clouds.budget]",
         record: Some(("transport", "finest solve")),
+    },
+    Metric {
+        name: "sun_l2",
+        meaning: "relative L2 error under suns that no beam was baked for, direct light included, against direct solves",
+        measured_with: "sun = \"anywhere\" or a path in [clouds.response]",
+        record: Some(("sun", "unseen suns")),
+    },
+    Metric {
+        name: "light_cells_l2",
+        meaning: "relative L2 error of a held-out stroke's light on blocks of cells, against a solve on the cells themselves",
+        measured_with: "cells in [clouds.response] and test_strokes above 0",
+        record: Some(("light cells", "shown cells")),
     },
     Metric {
         name: "residual",

@@ -1,7 +1,9 @@
 //! From a recipe to an asset: each stage makes its sections, and they are assembled once, in file order.
 
+mod blocks;
 mod clouds;
 mod rain;
+mod rain_map;
 mod records;
 mod stage;
 mod town;

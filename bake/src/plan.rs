@@ -8,6 +8,7 @@ pub mod lights;
 mod search;
 mod solver;
 pub mod streaks;
+pub mod sun;
 
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -20,6 +21,7 @@ use search::Search;
 use solver::choose_solver;
 use squall_formats::section::provenance::BudgetRecord;
 use squall_formats::section::response::DirectionalBasis;
+use sun::{SunPlan, plan_sun};
 
 /// What a response is baked by: what the recipe states, and what was chosen where it leaves that to its budget.
 #[derive(Clone, Debug)]
@@ -36,6 +38,8 @@ pub struct Plan {
     pub next_cheaper: Option<String>,
     /// What was chosen of the solver.
     pub solver: Option<BudgetRecord>,
+    /// Beams of the sun, where the recipe has one.
+    pub sun: Option<SunPlan>,
 }
 
 impl std::fmt::Display for Plan {
@@ -59,6 +63,7 @@ pub fn plan(site: &Site<'_>, margins: Margins, progress: &dyn Progress) -> Resul
         next_better: None,
         next_cheaper: None,
         solver: None,
+        sun: None,
     };
     if let (Some(asked), false) = (clouds.budget.solver_l2, clouds.given.solver) {
         let chosen = choose_solver(site, &plan.settings, asked, progress)?;
@@ -75,6 +80,7 @@ pub fn plan(site: &Site<'_>, margins: Margins, progress: &dyn Progress) -> Resul
         plan.settings.relative_error = best.error;
         [plan.next_better, plan.next_cheaper] = search.neighbours(&best);
     }
+    plan.sun = plan_sun(site, &plan.settings, margins.sun, progress)?;
     Ok(plan)
 }
 

@@ -9,6 +9,8 @@ pub mod model;
 mod number;
 mod place;
 mod rain;
+mod rain_map;
+mod sun;
 mod view;
 
 use crate::error::BakeError;
@@ -16,9 +18,11 @@ pub use crate::error::RecipeError;
 use crate::input::read_text;
 use crate::input::scene::scene_files;
 pub use clouds::parse_directions;
+use model::RainMapSource;
 pub use model::{Clouds, Rain, Recipe, VirtualLights};
 use squall_formats::section::view::ViewSection;
 use std::path::{Path, PathBuf};
+pub use sun::sun_at;
 
 impl Recipe {
     /// The recipe's own file and every file that it names, those that its scene names among them.
@@ -28,6 +32,11 @@ impl Recipe {
         let pictures = self.rain.iter().flat_map(|rain| &rain.pictures);
         let mut files: Vec<PathBuf> =
             std::iter::once(&self.file).chain(&self.town).chain(pictures).cloned().collect();
+        if let Some(RainMapSource::File { path, .. }) =
+            self.rain.as_ref().and_then(|rain| rain.map.as_ref()).map(|map| &map.source)
+        {
+            files.push(path.clone());
+        }
         if let Some(clouds) = &self.clouds {
             files.extend(scene_files(&clouds.scene)?);
         }

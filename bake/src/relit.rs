@@ -110,7 +110,7 @@ pub fn relight(
     let rows = RowCost::measure(clouds.relighter(), &inside)?;
     let (mut light, live) = lit(clouds, lights, progress)?;
     let relighter = clouds.relighter();
-    let (cloud, head) = (relighter.cloud(), &relighter.response().head);
+    let (cloud, head) = (relighter.light_cloud(), &relighter.response().head);
 
     let solver = LiveSolver::new(cloud, &head.solver)?;
     let samples = match automatic_samples(head.solver.refine.into_iter().min().unwrap_or(1)) {
@@ -247,7 +247,7 @@ fn lit(
 /// Fluence of light that holds no direct part, and of that part.
 fn fluence_fields(relighter: &Relighter, light: &CloudLight, known: &DirectCells, fields: &mut Fields) {
     // In cells that no ray shades with the rows hold what codes best, which is nobody's light.
-    let (lit, known_cells) = (light.in_scattered(), relighter.known_cells());
+    let (lit, known_cells) = (light.in_scattered(), relighter.known_light_cells());
     let scattered = (0..known_cells.len()).map(|cell| match known_cells[cell] {
         true => lit.fluence(cell) + known.forward[cell],
         false => 0.0,
@@ -268,8 +268,8 @@ fn towards_field(
     fields: &mut Fields,
 ) {
     let mut j = vec![0.0; direct.len()];
-    light.in_scattered().towards_each(relighter.cloud(), |_, _| towards, &mut j);
-    for ((value, direct), known) in j.iter_mut().zip(direct).zip(relighter.known_cells()) {
+    light.in_scattered().towards_each(relighter.light_cloud(), |_, _| towards, &mut j);
+    for ((value, direct), known) in j.iter_mut().zip(direct).zip(relighter.known_light_cells()) {
         *value = if known { *value + direct } else { 0.0 };
     }
     fields.towards.push((name.to_owned(), j.into()));
@@ -277,7 +277,7 @@ fn towards_field(
 
 /// J of direct light towards a perspective camera, mean per cell.
 fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
-    let cloud = relighter.cloud();
+    let cloud = relighter.light_cloud();
     let to_viewer: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
         .collect();
@@ -297,7 +297,7 @@ fn picture(
     camera: &Camera,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
-    let cloud = relighter.cloud();
+    let (cloud, grid) = (relighter.cloud(), relighter.light_cloud());
     let exact = ExactDirect { lights, extinction_scale: relighter.extinction_scale() };
     let march =
         CloudMarch::new(cloud, Cells, MarchQuality::measured(shortest(cloud.cell_m))).with_exact(exact);
@@ -306,19 +306,19 @@ fn picture(
     let even = match camera.projection {
         Projection::Perspective { .. } if !for_view_region => None,
         _ => {
-            let mut j = vec![0.0; cloud.shape.len()];
-            lit.towards_each(cloud, |_, middle| direction_to(camera, middle), &mut j);
+            let mut j = vec![0.0; grid.shape.len()];
+            lit.towards_each(grid, |_, middle| direction_to(camera, middle), &mut j);
             Some(j)
         }
     };
     let image = Sampling::new(camera, cloud, lights).picture(progress, |x, y, width| {
         let ray = WideRay::new(camera.ray(x, y), camera.projection, width);
         match &even {
-            Some(j) => march.march(&ray, |point| f64::from(between(cloud, j, point))),
+            Some(j) => march.march(&ray, |point| f64::from(between(grid, j, point))),
             None => {
                 let factors = lit.factors(DVec3::ZERO, -ray.ray.direction);
                 march.march(&ray, |point| {
-                    let corners = corners(cloud, point).into_iter();
+                    let corners = corners(grid, point).into_iter();
                     let sum: f32 = corners.map(|(cell, weight)| weight * lit.value(cell, &factors)).sum();
                     f64::from(sum)
                 })

@@ -84,7 +84,7 @@ pub fn solve_held_out(
 ) -> Result<Vec<HeldOutStroke>, BakeError> {
     let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
     let lights = WantedLights { grid, wanted: vec![false] };
-    let sources = Sources { lights, distant: Vec::new() };
+    let sources = Sources { lights, distant: Vec::new(), sun: None };
     let job = Job { cloud, sources: &sources, settings, held_out, known: None, cache };
     Ok(solve_rows(&job, progress)?.held_out)
 }

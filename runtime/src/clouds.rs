@@ -15,11 +15,13 @@
 mod half;
 mod kept;
 mod light;
+mod sky;
 #[cfg(feature = "live")]
 mod solve;
 
 pub use half::f16_bits;
 pub use light::{CloudLight, LiveReport, Viewer};
+pub use sky::SunSource;
 
 use crate::error::RuntimeError;
 use crate::frame::Flash;
@@ -347,21 +349,6 @@ impl Clouds {
         report.sources += own.sources;
         report.live += own.live;
         Ok(j)
-    }
-
-    /// The asset's distant light in its grid's cells towards `viewer`, J per unit of each kind.
-    pub(crate) fn distant(
-        &mut self,
-        viewer: Viewer,
-        mut each: impl FnMut(squall_formats::section::response::DistantKind, &Cloud, &[f32]),
-    ) -> Result<(), RuntimeError> {
-        let mut j = vec![0.0; self.cloud().shape.len()];
-        for source in &self.relighter.response().head.distant {
-            let Some(relit) = self.relighter.distant(source.kind, &mut self.buffers)? else { continue };
-            light::towards(relit, self.relighter.cloud(), viewer, &mut j);
-            each(source.kind, self.relighter.cloud(), &j);
-        }
-        Ok(())
     }
 }
 

@@ -62,6 +62,7 @@ pub mod density;
 pub mod depth;
 pub mod error;
 pub mod frame;
+pub mod frame_rain;
 #[doc(hidden)]
 pub mod in_scattered;
 pub mod load;

@@ -14,9 +14,11 @@
 //! | z      | planar depth   | m    |
 
 mod apply;
+mod choice;
 mod drops;
 mod phase;
 
+pub use choice::{MediumChoice, MediumForm, PhaseChoice};
 pub use drops::PhaseTable;
 pub use phase::Phase;
 

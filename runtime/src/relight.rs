@@ -7,6 +7,7 @@
 use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::load::Asset;
+use crate::transport::cloud::CoarseIndex;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
 use squall_formats::ReadError;
@@ -41,6 +42,8 @@ pub struct Relighter {
     asset: Asset,
     response: Response,
     cloud: Cloud,
+    /// The grid of the rows where its cells are blocks of the cloud's.
+    blocks: Option<Cloud>,
     haar: Haar,
     /// The view region's frame, where rows are towards it alone.
     frame: Option<ViewRegionFrame>,
@@ -96,7 +99,7 @@ impl Relighter {
         grid.check_values().map_err(|error| asset.wrap(error))?;
         let response = Response::new(asset)?;
         let head = grid.head;
-        response.check_grid(head.shape).map_err(|error| asset.wrap(error))?;
+        let blocks = response.blocks(head.shape).map_err(|error| asset.wrap(error))?;
         light_grid(&response.head.sources).map_err(|error| asset.wrap(error))?;
         let cloud = Cloud {
             shape: head.shape,
@@ -107,16 +110,40 @@ impl Relighter {
             g: head.g,
             boundary: if head.periodic_xy { Boundary::PeriodicXy } else { Boundary::Open },
         };
-        let haar = Haar::new(head.shape);
+        let cloud = cloud.checked()?;
+        let haar = Haar::new(response.head.shape);
+        let blocks = (blocks != [1; 3]).then(|| cloud.coarsened(blocks)).transpose()?;
         let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
         let frame =
             response.head.view_region.as_ref().map(|view_region| view_region_frame(view_region, &cloud));
-        Ok(Self { asset: asset.clone(), response, cloud: cloud.checked()?, haar, frame, verified })
+        Ok(Self { asset: asset.clone(), response, cloud, blocks, haar, frame, verified })
     }
 
     /// The cloud grid.
     pub fn cloud(&self) -> &Cloud {
         &self.cloud
+    }
+
+    /// The grid whose cells the rows hold light for: the cloud's, or equal blocks of its cells with their mean extinction.
+    pub fn light_cloud(&self) -> &Cloud {
+        self.blocks.as_ref().unwrap_or(&self.cloud)
+    }
+
+    /// Whether the rows hold light for blocks of the cloud's cells.
+    pub fn is_coarse(&self) -> bool {
+        self.blocks.is_some()
+    }
+
+    /// Values of [`Relighter::light_cloud`]'s cells read in the middles of the cloud's cells, trilinear between centres.
+    ///
+    /// Panics when an array is not one grid long.
+    pub fn spread(&self, light: &[f32], cells: &mut [f32]) {
+        assert!(light.len() == self.light_cloud().shape.len() && cells.len() == self.cloud.shape.len());
+        let Some(blocks) = &self.blocks else { return cells.copy_from_slice(light) };
+        for (cell, value) in cells.iter_mut().enumerate() {
+            *value =
+                crate::shade::cloud::between(blocks, light, self.cloud.centre(self.cloud.shape.cell(cell)));
+        }
     }
 
     /// The response's rows and what they mean.
@@ -144,14 +171,24 @@ impl Relighter {
         self.frame
     }
 
-    /// Cells whose light means something.
+    /// Cells of the cloud whose light means something.
     pub fn known_cells(&self) -> Vec<bool> {
+        let known = self.known_light_cells();
+        let Some(blocks) = &self.blocks else { return known };
+        let factors = [0, 1, 2]
+            .map(|axis: usize| (self.cloud.shape.to_array()[axis] / blocks.shape.to_array()[axis]) as u32);
+        let index = CoarseIndex::new(self.cloud.shape, factors);
+        (0..self.cloud.shape.len()).map(|cell| known[index.of(cell)]).collect()
+    }
+
+    /// Cells of [`Relighter::light_cloud`] whose light means something.
+    pub fn known_light_cells(&self) -> Vec<bool> {
         let head = &self.response.head;
         // Version 1 does not say: whoever baked may have left out what no ray shades with.
         if self.response.version == 1 {
-            return self.cloud.shaded();
+            return self.light_cloud().shaded();
         }
-        (0..self.cloud.shape.len()).map(|cell| head.sees(cell)).collect()
+        (0..head.shape.len()).map(|cell| head.sees(cell)).collect()
     }
 
     /// Whether the light holds for what `camera` sees.
@@ -243,6 +280,29 @@ impl Relighter {
         };
         buffers.weights.clear();
         buffers.weights.push(SourceWeight { row: source.row, intensity: 1.0 });
+        self.sum_rows(RelightOptions::default(), buffers).map(Some)
+    }
+
+    /// What the cloud scatters of a sun of irradiance 1 W/m² in direction `towards` (unit) beyond its direct light; `None` where the
+    /// asset holds no beams of the sun, or none for a sun there.
+    ///
+    /// Errors: a damaged row.
+    pub fn sun<'b>(
+        &self,
+        towards: DVec3,
+        buffers: &'b mut RelightBuffers,
+    ) -> Result<Option<Relit<'b>>, RuntimeError> {
+        let head = &self.response.head;
+        let Some(directions) = &head.sun else { return Ok(None) };
+        let Some(weights) = directions.weights(&head.suns(), towards.to_array()) else {
+            return Ok(None);
+        };
+        let beams = head.distant.iter().filter(|source| matches!(source.kind, DistantKind::Sun { .. }));
+        let rows: Vec<u32> = beams.map(|source| source.row).collect();
+        buffers.weights.clear();
+        buffers.weights.extend(
+            weights.iter().map(|&(beam, weight)| SourceWeight { row: rows[beam], intensity: weight as f32 }),
+        );
         self.sum_rows(RelightOptions::default(), buffers).map(Some)
     }
 

@@ -3,6 +3,7 @@
 mod channel;
 mod draw;
 mod halos;
+mod layers;
 mod light;
 mod lit_stroke;
 mod rain;
@@ -11,8 +12,10 @@ mod town_rain;
 mod world;
 
 use crate::airlight::Airlight;
+pub use layers::{Layer, LayerPixels};
+
 use crate::camera::Camera;
-use crate::clouds::Clouds;
+use crate::clouds::{Clouds, SunSource};
 use crate::error::RuntimeError;
 use crate::frame::{Frame, tone_of};
 use crate::load::Asset;
@@ -123,6 +126,10 @@ pub struct FrameReport {
     pub strokes_kept: usize,
     /// Rain streaks found.
     pub streaks: usize,
+    /// Where the sun's light on the cloud came from.
+    pub sun: SunSource,
+    /// Whether the asset lacks light of the sky's hemispheres, so that its cloud stays dark under a bright sky.
+    pub sky_missing: bool,
 }
 
 impl StormRenderer {

@@ -13,6 +13,7 @@
 
 mod degrees;
 mod estimate;
+mod stored;
 
 use crate::camera::Ray;
 use crate::medium::Phase;

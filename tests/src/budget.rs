@@ -103,7 +103,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
             basis: DirectionalBasis::Harmonics { degree: 3 },
             ..clouds.response
         };
-        let sources = Sources { lights, distant: Vec::new() };
+        let sources = Sources { lights, distant: Vec::new(), sun: None };
         let job = Job {
             cloud: &scene.cloud,
             sources: &sources,

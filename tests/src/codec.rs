@@ -49,7 +49,7 @@ fn sources() -> Sources {
         z_m: vec![LOW.z, 520.0, HIGH.z],
     };
     let lights = WantedLights { grid, wanted: Vec::new() };
-    Sources { lights, distant: vec![DistantKind::UpperSky] }
+    Sources { lights, distant: vec![DistantKind::UpperSky], sun: None }
 }
 
 /// Strokes of one to twenty lights anywhere in the bounds, some of them beyond all measure brighter than others.

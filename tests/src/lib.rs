@@ -84,6 +84,8 @@ mod stability;
 #[cfg(test)]
 mod streaks;
 #[cfg(test)]
+mod sun;
+#[cfg(test)]
 mod transport;
 #[cfg(test)]
 mod truth;

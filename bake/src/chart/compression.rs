@@ -38,7 +38,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     }
     let all = lights.wanted_count();
     let wanted = touched(&lights, &strokes);
-    let sources = Sources { lights: WantedLights { wanted, ..lights }, distant: Vec::new() };
+    let sources = Sources { lights: WantedLights { wanted, ..lights }, distant: Vec::new(), sun: None };
     let mut errors = if task.quick {
         vec![0.1, 0.01]
     } else {

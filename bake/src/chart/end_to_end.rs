@@ -154,7 +154,7 @@ impl Shot<'_> {
     /// Draws the flash from the bytes of a response and says how far it is off, and what it takes.
     fn flash(&self, lights: WantedLights, settings: &ResponseSettings) -> Result<Point, BakeError> {
         let (cloud, stroke) = (&self.scene.cloud, self.stroke.as_slice());
-        let sources = Sources { lights, distant: Vec::new() };
+        let sources = Sources { lights, distant: Vec::new(), sun: None };
         let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
         let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
         let mut clouds = Clouds::new(&asset)?;

@@ -49,7 +49,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             progress.check()?;
             progress.advance(1);
             if Candidate::bytes(lights, &strokes, basis, &scene.cloud) <= MOST_BYTES {
-                let sources = Sources { lights: lights.clone(), distant: Vec::new() };
+                let sources = Sources { lights: lights.clone(), distant: Vec::new(), sun: None };
                 points.push(point(&scene, kind, step, &sources, (&strokes, &known))?);
             }
         }

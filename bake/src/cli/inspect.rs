@@ -12,7 +12,10 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
-use squall_formats::section::response::{Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection};
+use squall_formats::section::rain_place::RainPlaceSection;
+use squall_formats::section::response::{
+    Codec, DirectTerm, NO_ROW, ResponseHead, ResponseSection, SunDirections,
+};
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -222,6 +225,18 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
             let terms: usize = section.patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
             format!("streaks: {} patterns, {terms} terms", section.patterns.len())
         }
+        RainPlaceSection::TAG => {
+            let place = asset.section(entry.tag, "the place of rain", RainPlaceSection::read)?;
+            let map = place.map.map_or_else(
+                || "no map".to_owned(),
+                |map| {
+                    let [nx, ny] = map.size;
+                    format!("{nx} × {ny} cells of {} m, to {} mm/h", map.cell_m, map.heaviest_mm_per_h)
+                },
+            );
+            let seen = place.farthest_m.map_or_else(String::new, |far| format!(", seen to {far} m"));
+            format!("place of rain: {map}{seen}")
+        }
         TownSection::TAG => {
             let town = asset.section(entry.tag, "the ground and what stands on it", TownSection::read)?;
             let hills = if town.hills.is_some() { ", hills" } else { "" };
@@ -266,8 +281,31 @@ fn describe_response(head: &ResponseHead) -> String {
         DirectTerm::InRows => "direct light inside",
         DirectTerm::AtRunTime => "direct light at run time",
     };
+    let [nx, ny, nz] = head.shape.to_array();
     format!(
-        "response: {lights}{} distant lights, {basis}, {codec}, {direct}{seen}{view_region}",
-        head.distant.len()
+        "response: {nx} × {ny} × {nz} cells, {lights}{} distant lights{}, {basis}, {codec}, {direct}{seen}{view_region}",
+        head.distant.len(),
+        sun_in_words(head)
     )
+}
+
+/// Where the sun may stand.
+fn sun_in_words(head: &ResponseHead) -> String {
+    let suns = head.suns();
+    let elevation = |sun: &[f64; 3]| libm::asin(sun[2].clamp(-1.0, 1.0)).to_degrees();
+    match (&head.sun, suns.as_slice()) {
+        (None, _) | (_, []) => String::new(),
+        (Some(SunDirections::Rings { elevations_rad, .. }), suns) => {
+            let lowest = elevations_rad.first().map_or(0.0, |ring| ring.to_degrees());
+            format!(" ({} of the sun, anywhere above {lowest:.1}°)", suns.len())
+        }
+        (Some(SunDirections::Path), [sun]) => {
+            let azimuth = libm::atan2(sun[1], sun[0]).to_degrees();
+            format!(" (1 of the sun, at azimuth {azimuth:.1}°, elevation {:.1}°)", elevation(sun))
+        }
+        (Some(SunDirections::Path), suns) => {
+            let (from, to) = (elevation(&suns[0]), elevation(&suns[suns.len() - 1]));
+            format!(" ({} of the sun, along a path from elevation {from:.1}° to {to:.1}°)", suns.len())
+        }
+    }
 }

@@ -1,8 +1,10 @@
 //! `--max-error METRIC=VALUE`: bounds on measured figures, and warnings about figures that nobody bounded.
 
+use glam::DVec3;
 use squall_bake::BakeError;
 use squall_bake::metrics::{Figures, METRICS, Metric, metric};
 use squall_bake::recipe::{Clouds, Recipe};
+use squall_formats::section::response::{DistantKind, SUN_TOLERANCE_RAD, towards_sun};
 
 /// A stroke's error above this is worth a warning: a quarter of its light is somewhere else.
 const WORTH_A_WARNING: f64 = 0.25;
@@ -48,10 +50,49 @@ pub fn check(limits: &[Limit], figures: &Figures, asset: &str) -> Result<(), Bak
 /// What is worth knowing of a bake that nobody asked about, each with what would help.
 pub fn warnings(recipe: &Recipe, figures: &Figures) -> Vec<String> {
     let Some(clouds) = &recipe.clouds else { return Vec::new() };
+    stroke_warning(recipe, clouds, figures).into_iter().chain(sky_warning(recipe, clouds)).collect()
+}
+
+/// A picture whose sky does not light its cloud.
+fn sky_warning(recipe: &Recipe, clouds: &Clouds) -> Option<String> {
+    let sky = &recipe.view.as_ref()?.sky;
+    let whole =
+        [DistantKind::UpperSky, DistantKind::LowerSky].iter().all(|kind| clouds.distant.contains(kind));
+    if !whole {
+        return Some(
+            "the view's sky does not light the cloud: distant = [\"upper-sky\", \"lower-sky\"] and sun = \"view\" in \
+             [clouds.response] would"
+                .into(),
+        );
+    }
+    if sky.sun_elevation_rad <= 0.0 || clouds.sun.is_some() {
+        return None;
+    }
+    let beams = clouds.distant.iter().filter_map(|kind| match kind {
+        DistantKind::Beam { direction } => Some(-DVec3::from_array(*direction)),
+        _ => None,
+    });
+    let towards = DVec3::from_array(towards_sun(sky.sun_azimuth_rad, sky.sun_elevation_rad));
+    let away = beams.map(|beam| beam.angle_between(towards)).reduce(f64::min);
+    if let Some(away) = away {
+        return (away > SUN_TOLERANCE_RAD).then(|| {
+            format!(
+                "the view's sun stands {:.1}° from that of sun_direction, and its light on the cloud is solved for whenever the \
+                 view is drawn: sun = \"view\" in its place would bake it",
+                away.to_degrees()
+            )
+        });
+    }
+    Some({
+        "the view's sun does not light the cloud: sun = \"view\", a path or \"anywhere\" in [clouds.response] would".into()
+    })
+}
+
+fn stroke_warning(recipe: &Recipe, clouds: &Clouds, figures: &Figures) -> Option<String> {
     let stroke = metric("stroke_l2").and_then(|metric| figures.value(metric));
     let warning = match stroke {
         None => format!("the stroke error was not measured; {}", measuring(recipe, clouds)),
-        Some(error) if error <= WORTH_A_WARNING => return Vec::new(),
+        Some(error) if error <= WORTH_A_WARNING => return None,
         Some(error) => {
             let percent = 100.0 * error;
             format!(
@@ -61,7 +102,7 @@ pub fn warnings(recipe: &Recipe, figures: &Figures) -> Vec<String> {
             )
         }
     };
-    vec![warning]
+    Some(warning)
 }
 
 fn measuring(recipe: &Recipe, clouds: &Clouds) -> &'static str {

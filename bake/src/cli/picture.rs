@@ -3,6 +3,7 @@
 use squall_bake::BakeError;
 use squall_bake::output::{Output, Place};
 use squall_bake::picture::{encode_exr, encode_png8};
+use squall_runtime::clouds::SunSource;
 use squall_runtime::picture::Picture;
 use squall_runtime::renderer::FrameReport;
 use squall_runtime::tone::Tone;
@@ -73,8 +74,25 @@ impl PictureFile {
         if lights_live > 0 {
             light += &format!(" ({lights_live} solved for on the spot)");
         }
-        format!("{}: {width} × {height}, {light}, {streaks} streaks, {seconds:.2} s", self.name())
+        let sky = sky_words(report).map_or_else(String::new, |words| format!(", {words}"));
+        format!("{}: {width} × {height}, {light}{sky}, {streaks} streaks, {seconds:.2} s", self.name())
     }
+}
+
+/// What is worth knowing of the sky's light on the cloud; nothing where it is all there, from the asset.
+fn sky_words(report: &FrameReport) -> Option<String> {
+    let sun = match report.sun {
+        SunSource::Live => Some("sun solved for on the spot: no baked beam covers it".to_owned()),
+        SunSource::Elsewhere(degrees) => {
+            Some(format!("cloud lit by the asset's one sun, {degrees:.0}° from the sky's"))
+        }
+        SunSource::Missing => Some("cloud not lit by the sun: the asset holds none".to_owned()),
+        _ => None,
+    };
+    let sky =
+        report.sky_missing.then(|| "cloud not lit by the sky: the asset holds none of its light".to_owned());
+    let words: Vec<String> = sun.into_iter().chain(sky).collect();
+    (!words.is_empty()).then(|| words.join(", "))
 }
 
 /// Several pictures of one size in one, each half as large again as nothing is between them.

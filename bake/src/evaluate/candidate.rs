@@ -38,7 +38,8 @@ impl<'a> Candidate<'a> {
     ) -> Result<Self, BakeError> {
         let (lights, settings) = (&job.sources.lights, job.settings);
         let wanted = touched(lights, job.held_out);
-        let sources = Sources { lights: WantedLights { wanted, ..lights.clone() }, distant: Vec::new() };
+        let sources =
+            Sources { lights: WantedLights { wanted, ..lights.clone() }, distant: Vec::new(), sun: None };
         let solved = solve_rows(&Job { sources: &sources, ..*job }, progress)?;
         let view_region = settings.view_region.as_ref();
         let held_out = HeldOutSet::new(job.cloud, view_region, settings.direct, &solved.held_out, 0);
@@ -75,7 +76,7 @@ impl<'a> Candidate<'a> {
         let relight_ms = cost::relight_ms(head_now, row_bytes * self.most_rows as f64);
         let rows = (self.lights + self.distant) as u64;
         let bytes = head + bytes.saturating_sub(head) * rows / tried as u64;
-        Ok(Outcome { scores, bytes, relight_ms })
+        Ok(Outcome { scores, bytes, relight_ms, sun_l2: None })
     }
 
     /// Bytes that the solved rows of such a candidate take.

@@ -42,8 +42,9 @@ impl HeldOutSet {
     ///
     /// Errors: a stroke that the asset has no rows for, a damaged row.
     pub fn scores(&self, relighter: &Relighter, strokes: &[HeldOutStroke]) -> Result<Scores, BakeError> {
-        let frame =
-            relighter.view_region().map(|view_region| view_region_frame(view_region, relighter.cloud()));
+        let frame = relighter
+            .view_region()
+            .map(|view_region| view_region_frame(view_region, relighter.light_cloud()));
         let factors = self.views.factors(relighter.response().head.basis, frame.as_ref());
         let each: Vec<Result<Scores, BakeError>> = strokes
             .par_iter()
@@ -68,8 +69,13 @@ impl HeldOutSet {
 ///
 /// Errors: as there.
 pub fn evaluate(relighter: &Relighter, strokes: &[HeldOutStroke], number: u64) -> Result<Scores, BakeError> {
-    let set =
-        HeldOutSet::new(relighter.cloud(), relighter.view_region(), relighter.direct(), strokes, number);
+    let set = HeldOutSet::new(
+        relighter.light_cloud(),
+        relighter.view_region(),
+        relighter.direct(),
+        strokes,
+        number,
+    );
     set.scores(relighter, strokes)
 }
 

@@ -8,6 +8,7 @@ use squall_formats::sphere::{self, MAX_HARMONICS};
 use squall_formats::view_region::{ViewRegion, ViewRegionFrame};
 use squall_runtime::random::Random;
 use squall_runtime::relight::{Relit, basis_factors};
+use squall_runtime::single_scatter::add_direct_beam;
 use squall_runtime::transport::Cloud;
 
 /// Where light is compared: the cells that can be seen, in the 26 directions or towards viewpoints of a view region.
@@ -137,6 +138,30 @@ impl Views {
         }
         let cells = self.cells.iter();
         cells.flat_map(|&cell| [stroke.direct_to_viewers[cell as usize]; VIEWPOINTS]).collect()
+    }
+
+    /// J of a beam's direct light for an irradiance of 1 W/m², `direction` the way it travels.
+    pub fn direct_beam(&self, cloud: &Cloud, extinction_scale: f64, direction: DVec3) -> Vec<f32> {
+        let views = self.weights.len();
+        let mut out = vec![0.0; self.cells.len() * views];
+        let directions = sphere::directions_26();
+        for view in 0..views {
+            let mut ways = vec![[0.0, 0.0, 1.0]; cloud.shape.len()];
+            match &self.to_viewpoints {
+                None => ways.fill(DVec3::from_array(directions[view]).as_vec3().to_array()),
+                Some(to) => {
+                    for (place, &cell) in self.cells.iter().enumerate() {
+                        ways[cell as usize] = to[place * views + view].1.as_vec3().to_array();
+                    }
+                }
+            }
+            let mut j = vec![0.0; cloud.shape.len()];
+            add_direct_beam(cloud, extinction_scale, direction, &ways, &mut j);
+            for (place, &cell) in self.cells.iter().enumerate() {
+                out[place * views + view] = j[cell as usize];
+            }
+        }
+        out
     }
 
     /// A held-out stroke's light, solved directly, and the part of it that the runtime adds itself.

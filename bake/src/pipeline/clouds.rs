@@ -1,15 +1,18 @@
 //! The cloud's part of a bake: settings that the recipe leaves to its budgets are planned, rows baked, the written bytes scored by
 //! held-out strokes that the plan did not see.
 
-use super::records::{records, solver_records};
+use super::blocks;
+use super::records::{records, solver_records, sun_record};
 use super::stage::{Clock, StageOutput, StageReport};
 use crate::asset::{grid_section, in_memory};
 use crate::error::BakeError;
 use crate::evaluate::held_out::evaluate;
-use crate::evaluate::{Outcome, cost};
+use crate::evaluate::sun::SunSet;
+use crate::evaluate::{Outcome, cost, root_mean_square};
 use crate::input::scene::read_scene;
 use crate::plan::budget::{Excess, Margins, not_met};
-use crate::plan::lights::Site;
+use crate::plan::lights::{Site, in_light_cells};
+use crate::plan::sun::held_out_suns;
 use crate::plan::{Plan, plan};
 use crate::progress::Progress;
 use crate::provenance::input_record;
@@ -39,8 +42,10 @@ pub(super) fn clouds(
     let [nx, ny, nz] = scene.cloud.shape.to_array();
     let made = format!("{nx} × {ny} × {nz} cells");
     let mut grid = clock.report("cloud grid", made, 0, "as given".into());
-    let mut site = Site::new(recipe, clouds, &scene.cloud);
+    let light_cells = in_light_cells(recipe, clouds, &scene.cloud)?;
+    let mut site = Site::new(recipe, clouds, light_cells.as_ref().unwrap_or(&scene.cloud));
     site.cache = cache;
+    site.shown = &scene.cloud;
     let baked = bake_to_budget(&site, progress)?;
     grid.bytes = baked.sections[0].length();
     let reports = std::iter::once(grid).chain(baked.reports).collect();
@@ -55,16 +60,18 @@ fn bake_to_budget(site: &Site<'_>, progress: &dyn Progress) -> Result<StageOutpu
     loop {
         let mut made = Made::new(site, plan_within(site, margins, progress)?, iteration, progress)?;
         iteration += 1;
-        if made.held_out.is_empty() {
-            return made.unmeasured(site);
+        if made.held_out.is_empty() && budget.sun_l2.is_none() {
+            return made.unmeasured(site, iteration, progress);
         }
         let measured = made.measure(site, iteration, progress)?;
         let excess = Excess::of(budget, &measured);
         if excess.within(Margins::default()) {
-            let budgets = records(budget, &made.head, &made.plan, &measured);
+            let mut budgets = records(budget, &made.head, &made.plan, &measured);
+            budgets.extend(made.blocks_record(site, progress)?);
             return Ok(made.output(budgets));
         }
-        if iteration == ITERATIONS || made.plan.tried == 0 {
+        let chosen = made.plan.tried > 0 || excess.sun > 1.0;
+        if iteration == ITERATIONS || !chosen {
             return Err(not_met(budget, &measured, &made.plan));
         }
         // Held-out strokes are worse off than those that chose, or rows larger: ask for more, and bake once more.
@@ -105,7 +112,9 @@ impl Made {
     ) -> Result<Self, BakeError> {
         let clock = Clock::start();
         let (lights, strokes) = site.held_out(plan.spacing_m, iteration)?;
-        let sources = Sources { lights, distant: site.clouds.distant.clone() };
+        let mut distant = site.clouds.distant.clone();
+        distant.extend(plan.sun.iter().flat_map(|sun| &sun.beams));
+        let sources = Sources { lights, distant, sun: plan.sun.as_ref().map(|sun| sun.directions.clone()) };
         let job = Job {
             cloud: site.cloud,
             sources: &sources,
@@ -117,7 +126,7 @@ impl Made {
         let baked = bake_response(&job, progress)?;
         let (sources, coefficients) = (baked.rows.rows.len(), baked.head.basis.count());
         let made = format!("{sources} sources × {coefficients} coefficients a cell, {} kept", baked.kept);
-        let section = response::write(&baked.head, baked.rows);
+        let section = response::write_beside(&baked.head, baked.rows, site.shown.shape);
         let solver = &baked.head.solver;
         let error = format!("residual {:.1e}, {} sweeps at most", solver.worst_residual, solver.most_sweeps);
         let report = clock.report("cloud response", made, section.length(), error);
@@ -125,7 +134,7 @@ impl Made {
             plan,
             head: baked.head,
             held_out: baked.held_out,
-            sections: [grid_section(site.cloud), section],
+            sections: [grid_section(site.shown), section],
             reports: planned.into_iter().chain([report]).collect(),
         })
     }
@@ -153,13 +162,66 @@ impl Made {
         );
         let made = format!("{} held-out strokes", self.held_out.len());
         self.reports.push(clock.report("verification", made, 0, error));
-        Ok(Outcome { scores, bytes: self.sections[1].length(), relight_ms })
+        let sun_l2 = self.measure_sun(&relighter, site, iteration, progress)?;
+        Ok(Outcome { scores, bytes: self.sections[1].length(), relight_ms, sun_l2 })
+    }
+
+    /// Error of the written bytes under suns that no beam was baked for; nothing where there are none.
+    fn measure_sun(
+        &mut self,
+        relighter: &Relighter,
+        site: &Site<'_>,
+        iteration: usize,
+        progress: &dyn Progress,
+    ) -> Result<Option<f64>, BakeError> {
+        let Some(plan) = &self.plan.sun else { return Ok(None) };
+        let clock = Clock::start();
+        let suns = held_out_suns(site, iteration)?;
+        if suns.is_empty() {
+            return Ok(None);
+        }
+        progress.begin("unseen suns", suns.len() as u64);
+        let set =
+            SunSet::solve(site.cloud, &self.plan.settings, &suns, (iteration as u64, site.cache), progress)?;
+        let error = root_mean_square(set.errors(relighter)?);
+        let words = format!("L2 {:.2} % under {} unseen suns", 100.0 * error, suns.len());
+        self.reports.push(clock.report("sun", plan.to_string(), 0, words));
+        Ok(Some(error))
+    }
+
+    /// What light on blocks of cells costs: a held-out stroke relit from the bytes, against the same solved on the cells that are shown.
+    fn blocks_record(
+        &mut self,
+        site: &Site<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Option<BudgetRecord>, BakeError> {
+        let Some(stroke) = self.held_out.first().filter(|_| site.shown.shape != site.cloud.shape) else {
+            return Ok(None);
+        };
+        let clock = Clock::start();
+        progress.begin("light on blocks of cells", 1);
+        let relighter = Relighter::new(&in_memory(&self.sections)?)?;
+        let error = blocks::error_of(&relighter, &self.plan.settings, &stroke.lights, progress)?;
+        let [nx, ny, nz] = site.cloud.shape.to_array();
+        let made = format!("light in {nx} × {ny} × {nz} cells");
+        self.reports.push(clock.report(
+            "light cells",
+            made.clone(),
+            0,
+            format!("L2 {:.1} % against the shown cells", 100.0 * error),
+        ));
+        Ok(Some(blocks::record(error, made)))
     }
 
     /// What a response without held-out strokes leaves behind.
     ///
     /// Errors: the budget has nothing to be confirmed by.
-    fn unmeasured(mut self, site: &Site<'_>) -> Result<StageOutput, BakeError> {
+    fn unmeasured(
+        mut self,
+        site: &Site<'_>,
+        iteration: usize,
+        progress: &dyn Progress,
+    ) -> Result<StageOutput, BakeError> {
         if site.clouds.budget.needs_held_out() {
             return Err(BakeError::NotReached {
                 what: "clouds.budget".into(),
@@ -170,7 +232,12 @@ impl Made {
         }
         let made = "no held-out strokes".to_owned();
         self.reports.push(Clock::start().report("verification", made, 0, "not measured".into()));
-        let budgets = solver_records(&self.head, &self.plan);
+        let mut budgets = solver_records(&self.head, &self.plan);
+        if self.plan.sun.is_some() {
+            let relighter = Relighter::new(&in_memory(&self.sections)?)?;
+            let sun_l2 = self.measure_sun(&relighter, site, iteration, progress)?;
+            budgets.extend(sun_record(&site.clouds.budget, &self.plan, sun_l2));
+        }
         Ok(self.output(budgets))
     }
 

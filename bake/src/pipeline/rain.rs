@@ -25,6 +25,7 @@ pub(super) fn rain(recipe: &Recipe, progress: &dyn Progress) -> Result<StageOutp
     let Some(rain) = &recipe.rain else { return Ok(StageOutput::default()) };
     let mut output = streaks(recipe, rain, progress)?;
     output.append(density(rain, progress)?);
+    output.append(super::rain_map::place(recipe, rain)?);
     Ok(output)
 }
 

@@ -15,6 +15,7 @@ pub(super) fn records(
 ) -> Vec<BudgetRecord> {
     let mut records = error_records(budget, head, plan, &measured.scores);
     records.extend(cost_records(budget, plan, measured));
+    records.extend(sun_record(budget, plan, measured.sun_l2));
     records.extend(cell_record(head));
     records.extend(solver_records(head, plan));
     records
@@ -91,6 +92,15 @@ fn cost_records(budget: &CloudBudget, plan: &Plan, measured: &Outcome) -> Vec<Bu
     let relight = record("relighting", metric, budget.relight_ms, measured.relight_ms, plan.to_string());
     records.push(beside(relight, plan, alone && budget.bytes.is_none()));
     records
+}
+
+/// How far the cloud's light is off under suns that no beam was baked for, where that was measured.
+pub(super) fn sun_record(budget: &CloudBudget, plan: &Plan, sun_l2: Option<f64>) -> Option<BudgetRecord> {
+    let (sun, got) = (plan.sun.as_ref()?, sun_l2?);
+    let metric = "L2 under unseen suns, direct light included, against direct solves";
+    let [next_better, next_cheaper] = sun.neighbours.clone();
+    let bare = record("sun", metric, budget.sun_l2, got, sun.to_string());
+    Some(BudgetRecord { next_better, next_cheaper, ..bare })
 }
 
 /// How many cells hold light, where not all do.

@@ -17,12 +17,14 @@ pub struct Margins {
     pub errors: f64,
     /// Of the bytes and milliseconds.
     pub costs: f64,
+    /// Of the error under unseen suns.
+    pub sun: f64,
 }
 
 impl Default for Margins {
     /// All of it.
     fn default() -> Self {
-        Self { errors: 1.0, costs: 1.0 }
+        Self { errors: 1.0, costs: 1.0, sun: 1.0 }
     }
 }
 
@@ -30,7 +32,11 @@ impl Margins {
     /// What the next iteration may use after a response that exceeds what was asked for.
     pub fn tightened(self, excess: Excess) -> Self {
         let tightened = |margin: f64, over: f64| if over > 1.0 { margin * (TIGHTER / over) } else { margin };
-        Self { errors: tightened(self.errors, excess.errors), costs: tightened(self.costs, excess.costs) }
+        Self {
+            errors: tightened(self.errors, excess.errors),
+            costs: tightened(self.costs, excess.costs),
+            sun: tightened(self.sun, excess.sun),
+        }
     }
 }
 
@@ -41,6 +47,8 @@ pub struct Excess {
     pub errors: f64,
     /// Of bytes and milliseconds the larger ratio.
     pub costs: f64,
+    /// Of the error under unseen suns.
+    pub sun: f64,
 }
 
 impl Excess {
@@ -51,16 +59,16 @@ impl Excess {
             Some(_) => f64::INFINITY,
             None => 0.0,
         };
-        let Outcome { scores, bytes, relight_ms } = outcome;
+        let Outcome { scores, bytes, relight_ms, .. } = outcome;
         let errors = ratio(budget.stroke_l2, scores.stroke.l2).max(ratio(budget.relit_l2, scores.codec.l2));
         let bytes = budget.bytes.map_or(0.0, |most| *bytes as f64 / most as f64);
         let costs = bytes.max(budget.relight_ms.map_or(0.0, |most| relight_ms / most));
-        Self { errors, costs }
+        Self { errors, costs, sun: ratio(budget.sun_l2, outcome.sun_l2.unwrap_or(0.0)) }
     }
 
     /// Whether the outcome keeps within these margins of its budget.
     pub fn within(self, margins: Margins) -> bool {
-        self.errors <= margins.errors && self.costs <= margins.costs
+        self.errors <= margins.errors && self.costs <= margins.costs && self.sun <= margins.sun
     }
 }
 
@@ -70,6 +78,7 @@ pub(super) fn wishes(budget: &CloudBudget) -> Vec<String> {
     let wishes = [
         asked("stroke_l2", budget.stroke_l2),
         asked("relit_l2", budget.relit_l2),
+        asked("sun_l2", budget.sun_l2),
         budget.bytes.map(|bytes| format!("{bytes} bytes")),
         asked("relight_ms", budget.relight_ms),
     ];
@@ -78,7 +87,7 @@ pub(super) fn wishes(budget: &CloudBudget) -> Vec<String> {
 
 /// What is said where the last `setting` that was tried does not meet the budget.
 pub fn not_met(budget: &CloudBudget, measured: &Outcome, setting: &dyn Display) -> BakeError {
-    let Outcome { scores, bytes, relight_ms } = measured;
+    let Outcome { scores, bytes, relight_ms, .. } = measured;
     BakeError::NotReached {
         what: "clouds.budget on held-out strokes".into(),
         wanted: wishes(budget).join(" and "),

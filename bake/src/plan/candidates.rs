@@ -29,7 +29,7 @@ pub(super) struct Tried {
 
 impl std::fmt::Display for Tried {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Outcome { scores, bytes, relight_ms } = self.outcome;
+        let Outcome { scores, bytes, relight_ms, .. } = self.outcome;
         let setting = setting(self.spacing_m, self.basis, self.error);
         let (stroke, codec) = (100.0 * scores.stroke.l2, 100.0 * scores.codec.l2);
         let megabytes = bytes as f64 / 1e6;

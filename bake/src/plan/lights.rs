@@ -25,8 +25,10 @@ pub struct Site<'a> {
     pub recipe: &'a Recipe,
     /// What it says of the cloud.
     pub clouds: &'a Clouds,
-    /// The cloud itself; of as many cells as the caller wants to work with.
+    /// The cloud itself; of as many cells as the caller wants to work with: those that light is stored for.
     pub cloud: &'a Cloud,
+    /// The same in the cells that are shown.
+    pub shown: &'a Cloud,
     /// Smallest and largest corner of the box that virtual lights have to fill, m.
     pub bounds: [DVec3; 2],
     /// What the scene relights at once: [`cost::flashes`].
@@ -37,6 +39,25 @@ pub struct Site<'a> {
     base: f64,
     /// The recipe's own strokes, grown.
     strokes: Vec<Vec<PointLight>>,
+}
+
+/// The cloud in the cells that its recipe stores light for, where those are blocks of the density's.
+///
+/// Errors: cells that are no equal blocks of the grid's.
+pub fn in_light_cells(recipe: &Recipe, clouds: &Clouds, shown: &Cloud) -> Result<Option<Cloud>, BakeError> {
+    let Some(cells) = clouds.light_cells else { return Ok(None) };
+    let counts = shown.shape.to_array().map(|count| count as u32);
+    let whole = |axis: usize| cells[axis] <= counts[axis] && counts[axis].is_multiple_of(cells[axis]);
+    if !(0..3).all(whole) {
+        let wanted = format!("along each axis a divisor of the grid's {counts:?} cells");
+        let (file, field) = (recipe.file.clone(), "clouds.response.cells".into());
+        return Err(BakeError::Input { file, field, wanted, found: format!("{cells:?}") });
+    }
+    if cells == counts {
+        return Ok(None);
+    }
+    let blocks = [0, 1, 2].map(|axis: usize| counts[axis] / cells[axis]);
+    Ok(Some(shown.coarsened(blocks)?))
 }
 
 impl<'a> Site<'a> {
@@ -56,7 +77,17 @@ impl<'a> Site<'a> {
         let base = occupied.map_or(cloud.origin_m.z, |at| {
             cloud.origin_m.z + cloud.shape.cell(at)[2] as f64 * cloud.cell_m[2]
         });
-        Self { recipe, clouds, cloud, bounds, flashes: cost::flashes(recipe), cache: None, base, strokes }
+        Self {
+            recipe,
+            clouds,
+            cloud,
+            shown: cloud,
+            bounds,
+            flashes: cost::flashes(recipe),
+            cache: None,
+            base,
+            strokes,
+        }
     }
 
     /// The longest side of the bounds, m.

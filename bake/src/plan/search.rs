@@ -41,7 +41,7 @@ impl<'a> Search<'a> {
         Self {
             site,
             settings: *settings,
-            margins: Margins { errors: margins.errors * SAFETY, costs: margins.costs * SAFETY },
+            margins: Margins { errors: margins.errors * SAFETY, costs: margins.costs * SAFETY, ..margins },
             bases: bases(site),
             errors: errors(site.clouds),
             tried: Vec::new(),
@@ -125,7 +125,7 @@ impl<'a> Search<'a> {
         let known = std::mem::take(&mut self.known);
         let same = known.iter().map(|stroke| &stroke.lights).eq(strokes.iter());
         let known = same.then_some(known.as_slice());
-        let sources = Sources { lights, distant: site.clouds.distant.clone() };
+        let sources = Sources { lights, distant: site.clouds.distant.clone(), sun: None };
         let job = Job {
             cloud,
             sources: &sources,

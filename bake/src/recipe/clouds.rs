@@ -1,6 +1,6 @@
 //! `[clouds]` of a recipe, as it is typed and checked.
 
-use super::model::{CloudBudget, Clouds, Given, Keys, Optics, ResponseSettings, VirtualLights};
+use super::model::{CloudBudget, Clouds, Given, Keys, Optics, ResponseSettings, SunWish, VirtualLights};
 use super::number::Number;
 use super::place::Source;
 use crate::error::RecipeError;
@@ -48,6 +48,7 @@ struct BudgetFile {
     stroke_l2: Option<Number>,
     relit_l2: Option<Number>,
     solver_l2: Option<Number>,
+    sun_l2: Option<Number>,
     bytes: Option<Number>,
     relight_ms: Option<Number>,
 }
@@ -93,7 +94,10 @@ struct ResponseFile {
     codec: Option<CodecName>,
     error: Option<Number>,
     distant: Option<Vec<DistantName>>,
+    sun: Option<Spanned<toml::Value>>,
+    /// One direction, all its light in one row: as recipes had it before `sun`.
     sun_direction: Option<Spanned<[f64; 3]>>,
+    cells: Option<Spanned<[u32; 3]>>,
     test_strokes: Option<Number>,
     seen_only: Option<bool>,
 }
@@ -187,6 +191,8 @@ impl CloudsFile {
             optics,
             lights,
             distant: self.response.distant(source)?,
+            sun: self.response.sun(source)?,
+            light_cells: self.response.light_cells(source)?,
             response: settings,
             held_out_strokes: source.count("clouds.response.test_strokes", held_out, 8, [0, 64])?,
             budget,
@@ -195,6 +201,9 @@ impl CloudsFile {
                 basis: self.basis().is_some(),
                 error: self.response.error.is_some(),
                 solver: self.transport.directions.is_some() || self.transport.refine.is_some(),
+                sky: self.response.distant.is_some()
+                    || self.response.sun.is_some()
+                    || self.response.sun_direction.is_some(),
             },
             keys,
         })
@@ -362,6 +371,24 @@ impl ResponseFile {
         }
         Ok(distant)
     }
+
+    fn sun(&self, source: &Source) -> Result<Option<SunWish>, RecipeError> {
+        let Some(sun) = &self.sun else { return Ok(None) };
+        if let Some(old) = &self.sun_direction {
+            let wanted = "no older form of clouds.response.sun beside it";
+            return Err(source.error(old.span(), "clouds.response.sun_direction", wanted, "both"));
+        }
+        super::sun::check(sun, source).map(Some)
+    }
+
+    fn light_cells(&self, source: &Source) -> Result<Option<[u32; 3]>, RecipeError> {
+        let Some(cells) = &self.cells else { return Ok(None) };
+        if cells.get_ref().contains(&0) {
+            let found = format!("{:?}", cells.get_ref());
+            return Err(source.error(cells.span(), "clouds.response.cells", "three counts from 1", found));
+        }
+        Ok(Some(*cells.get_ref()))
+    }
 }
 
 impl BudgetFile {
@@ -369,6 +396,7 @@ impl BudgetFile {
         Ok(CloudBudget {
             stroke_l2: source.optional("clouds.budget.stroke_l2", &self.stroke_l2, [1e-4, 1.0], "")?,
             relit_l2: source.optional("clouds.budget.relit_l2", &self.relit_l2, [1e-5, 1.0], "")?,
+            sun_l2: source.optional("clouds.budget.sun_l2", &self.sun_l2, [1e-4, 1.0], "")?,
             solver_l2: source.optional("clouds.budget.solver_l2", &self.solver_l2, [1e-4, 1.0], "")?,
             bytes: source.optional("clouds.budget.bytes", &self.bytes, [1e3, 1e12], "")?.map(|v| v as u64),
             relight_ms: source.optional("clouds.budget.relight_ms", &self.relight_ms, [1e-3, 1e5], "ms")?,

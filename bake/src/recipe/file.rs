@@ -1,14 +1,16 @@
 //! The recipe's text as it is typed, and its way to a checked [`Recipe`].
 
 use super::clouds::CloudsFile;
-use super::model::{Clouds, Recipe};
+use super::model::{Clouds, Recipe, SunWish};
 use super::place::Source;
 use super::rain::RainFile;
 use super::view::ViewFile;
 use crate::error::{BakeError, RecipeError};
 use crate::input::without_mark;
+use glam::DVec3;
 use serde::Deserialize;
 use squall_formats::section::bolt::StrokeRecord;
+use squall_formats::section::response::{DistantKind, towards_sun};
 use squall_formats::section::view::ViewSection;
 use squall_formats::view_region::ViewRegion;
 use std::path::{Path, PathBuf};
@@ -62,8 +64,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     let source = Source { file: path, text: without_mark(&text) };
     let file: RecipeFile = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;
     let has_strokes = !file.strokes.is_empty();
-    let clouds = file.clouds.map(|clouds| clouds.check(has_strokes, &source)).transpose()?;
-    let rain = file.rain.map(|rain| rain.check(&source)).transpose()?;
+    let has_cloud = file.clouds.is_some();
+    let mut clouds = file.clouds.map(|clouds| clouds.check(has_strokes, &source)).transpose()?;
+    let rain = file.rain.map(|rain| rain.check(&source, has_cloud)).transpose()?;
     let mut strokes: Vec<StrokeRecord> = Vec::new();
     for (number, stroke) in file.strokes.into_iter().enumerate() {
         let span = stroke.span();
@@ -88,6 +91,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     }
     let names: Vec<String> = strokes.iter().map(|record| record.name.clone()).collect();
     let view = file.view.map(|view| check_view(view, &source, &names)).transpose()?;
+    if let Some(clouds) = &mut clouds {
+        light_by_sky(clouds, view.as_ref(), &source)?;
+    }
     if let (Some(view), Some(clouds)) = (&view, &clouds)
         && let Some(view_region) = &clouds.response.view_region
         && !view_region.contains(view.camera.position_m)
@@ -107,6 +113,31 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         return Err(source.error(span, "view.rain.rate_mm_per_h", wanted, found.to_string()).into());
     }
     Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, view })
+}
+
+/// A recipe that frames a picture and says nothing of the sky's light on its cloud gets the light of the sky that the picture shows. A
+/// sun "view" is the picture's.
+///
+/// Errors: that without a picture; a budget for a sun that the recipe has none of.
+fn light_by_sky(clouds: &mut Clouds, view: Option<&ViewSection>, source: &Source) -> Result<(), RecipeError> {
+    if view.is_some() && !clouds.given.sky {
+        clouds.distant = vec![DistantKind::UpperSky, DistantKind::LowerSky];
+        clouds.sun = Some(SunWish::View);
+    }
+    if let Some(SunWish::View) = clouds.sun {
+        let Some(view) = view else {
+            let span = source.locate(&["clouds", "response", "sun"]).unwrap_or(0..0);
+            return Err(source.error(span, "clouds.response.sun", "a [view] beside \"view\"", "none"));
+        };
+        let towards = towards_sun(view.sky.sun_azimuth_rad, view.sky.sun_elevation_rad);
+        clouds.sun = Some(SunWish::At(DVec3::from_array(towards)));
+    }
+    if clouds.budget.sun_l2.is_some() && clouds.sun.is_none() {
+        let span = source.locate(&["clouds", "budget", "sun_l2"]).unwrap_or(0..0);
+        let wanted = "sun in [clouds.response] beside it";
+        return Err(source.error(span, "clouds.budget.sun_l2", wanted, "none"));
+    }
+    Ok(())
 }
 
 /// Refuses what nothing could confirm: a budget without held-out strokes, virtual lights pruned to strokes that are not there.

@@ -41,8 +41,12 @@ pub struct Clouds {
     pub lights: VirtualLights,
     /// Distant light to bake beside them.
     pub distant: Vec<DistantKind>,
+    /// Where the sun may stand over the cloud; none is baked where absent.
+    pub sun: Option<SunWish>,
     /// How to solve, and how to store.
     pub response: ResponseSettings,
+    /// Cells along x, y and z that light is baked for, blocks of the density's; the density's own where absent.
+    pub light_cells: Option<[u32; 3]>,
     /// Held-out strokes that evaluate the result: rows are not baked for them.
     pub held_out_strokes: u32,
     /// How good is good enough.
@@ -51,6 +55,26 @@ pub struct Clouds {
     pub given: Given,
     /// Keys that have an older name too, as this recipe's text has them.
     pub keys: Keys,
+}
+
+/// Where a recipe lets the sun stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SunWish {
+    /// Anywhere in the sky, down to where it lights no part of the cloud.
+    Anywhere,
+    /// Where the recipe's view has it.
+    View,
+    /// Unit vector towards it.
+    At(glam::DVec3),
+    /// Where it passes at a latitude on a day, x east and y north.
+    Path {
+        /// Latitude, rad, north positive.
+        latitude_rad: f64,
+        /// Day of the year, from 1.
+        day: f64,
+        /// From and to, hours of local solar time.
+        hours: [f64; 2],
+    },
 }
 
 /// Where virtual point lights stand.
@@ -86,6 +110,44 @@ pub struct Rain {
     pub method_given: bool,
     /// What the density table must cover, and how well.
     pub density: DensitySpec,
+    /// Rain over the ground.
+    pub map: Option<RainMapSpec>,
+    /// Distance from the eye beyond which rain is not looked through, m.
+    pub farthest_m: Option<f64>,
+}
+
+/// A map of rain over the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RainMapSpec {
+    /// Where it comes from.
+    pub source: RainMapSource,
+    /// Rate of the heaviest rain, mm/h; what the file says where absent.
+    pub rate_mm_per_h: Option<f64>,
+    /// Height that rain falls from, m; a cloud's base, or none, where absent.
+    pub top_m: Option<f64>,
+    /// Height over which it fades above that, m.
+    pub softness_m: f64,
+}
+
+/// Where a map of rain comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RainMapSource {
+    /// A file over a square grid.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Cells along x and y, of files that do not say so themselves.
+        cells: Option<[u32; 2]>,
+        /// Lowest corner, m.
+        origin_m: [f64; 2],
+        /// Edge of a cell, m.
+        cell_m: f64,
+    },
+    /// The recipe's cloud.
+    Cloud {
+        /// Water of a column that rains nothing yet, over the wettest one's.
+        least_water: f64,
+    },
 }
 
 /// Optics for scenes that leave them out, where a command brings its own.
@@ -130,6 +192,8 @@ pub struct CloudBudget {
     pub stroke_l2: Option<f64>,
     /// L2 error of held-out strokes' light, against the same rows before coding.
     pub relit_l2: Option<f64>,
+    /// L2 error of the cloud's light under suns that no beam was baked for, direct light included, against direct solves.
+    pub sun_l2: Option<f64>,
     /// L2 error of a stroke solved with the chosen directions and refinement, against the finest that is tried.
     pub solver_l2: Option<f64>,
     /// Bytes of the response at most.
@@ -149,6 +213,8 @@ pub struct Given {
     pub error: bool,
     /// `clouds.transport.directions` or `refine`.
     pub solver: bool,
+    /// `clouds.response.distant`, `sun` or `sun_direction`.
+    pub sky: bool,
 }
 
 /// Keys that have an older name too, as a recipe's text has them: messages name what its author typed.

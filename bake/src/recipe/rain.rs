@@ -3,6 +3,7 @@
 use super::model::{DensitySpec, FitSettings, Rain};
 use super::number::Number;
 use super::place::Source;
+use super::rain_map::RainMapFile;
 use crate::error::RecipeError;
 use serde::Deserialize;
 use squall_formats::section::density::Ranges;
@@ -16,6 +17,8 @@ use toml::Spanned;
 pub(super) struct RainFile {
     density: DensityFile,
     streaks: StreaksFile,
+    map: Option<RainMapFile>,
+    farthest_m: Option<Number>,
 }
 
 #[derive(Default, Deserialize)]
@@ -42,7 +45,7 @@ struct StreaksFile {
 }
 
 impl RainFile {
-    pub(super) fn check(&self, source: &Source) -> Result<Rain, RecipeError> {
+    pub(super) fn check(&self, source: &Source, has_cloud: bool) -> Result<Rain, RecipeError> {
         let density = self.density.check(source)?;
         let streaks = &self.streaks;
         let mut pictures = Vec::new();
@@ -65,7 +68,10 @@ impl RainFile {
         let psnr_db = psnr_db.filter(|_| streaks.cosines.is_none());
         let method_given = streaks.method.is_some();
         let layer = streaks.layer.clone();
-        Ok(Rain { pictures, layer, fit: FitSettings { method, cosines }, psnr_db, method_given, density })
+        let map = self.map.as_ref().map(|map| map.check(source, has_cloud)).transpose()?;
+        let farthest_m = source.optional("rain.farthest_m", &self.farthest_m, [1.0, 1e7], "m")?;
+        let fit = FitSettings { method, cosines };
+        Ok(Rain { pictures, layer, fit, psnr_db, method_given, density, map, farthest_m })
     }
 }
 

@@ -3,7 +3,7 @@
 use super::cache::ResponseCache;
 use super::grid::WantedLights;
 use crate::recipe::model::ResponseSettings;
-use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows};
+use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows, SunDirections};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
 use std::sync::Arc;
@@ -13,8 +13,10 @@ use std::sync::Arc;
 pub struct Sources {
     /// Virtual point lights.
     pub lights: WantedLights,
-    /// Distant light.
+    /// Distant light, beams of the sun last.
     pub distant: Vec<DistantKind>,
+    /// What those beams cover, where there are any.
+    pub sun: Option<SunDirections>,
 }
 
 /// One response to be solved for.

@@ -22,18 +22,25 @@ pub(super) struct Part {
     pub(super) in_rows: bool,
 }
 
-/// All rows in batches: virtual lights first, then distant light in batches of its own, as only the latter always keeps its direct
-/// light.
+/// All rows in batches: virtual lights first, then distant light in batches of its own, which keeps its direct light, then beams of
+/// the sun, which never do.
 ///
 /// Errors: none that a fixed direction set brings about.
 pub(super) fn parts(sources: &Sources, in_rows: bool) -> Result<Vec<Part>, BakeError> {
     let grid = &sources.lights;
     let light = |node: usize| vec![Light::Point { position: grid.position(node), intensity: 1.0 }];
     let lights: Vec<Vec<Light>> = wanted_nodes(sources).map(light).collect();
-    let distant: Vec<Vec<Light>> =
-        sources.distant.iter().map(|&kind| distant_lights(kind)).collect::<Result<_, _>>()?;
+    let is_sun = |kind: &DistantKind| matches!(kind, DistantKind::Sun { .. });
+    let suns = sources.distant.iter().position(is_sun).unwrap_or(sources.distant.len());
+    debug_assert!(sources.distant[suns..].iter().all(is_sun), "beams of the sun stand last");
+    let of = |kinds: &[DistantKind]| -> Result<Vec<Vec<Light>>, BakeError> {
+        kinds.iter().map(|&kind| distant_lights(kind)).collect()
+    };
+    let (sky, suns) = (of(&sources.distant[..suns])?, of(&sources.distant[suns..])?);
     let mut parts = Vec::new();
-    for (lights, first, in_rows) in [(&lights, 0, in_rows), (&distant, lights.len(), true)] {
+    for (lights, first, in_rows) in
+        [(&lights, 0, in_rows), (&sky, lights.len(), true), (&suns, lights.len() + sky.len(), false)]
+    {
         parts.extend(lights.chunks(BATCH).enumerate().map(|(at, chunk)| Part {
             first: (first + at * BATCH) as u32,
             lights: chunk.to_vec(),
@@ -77,13 +84,14 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
         },
         view_region: settings.view_region,
         seen: seen.map(pack_seen),
+        sun: sources.sun.clone(),
     }
 }
 
 /// Beams that together are distant light of unit strength: for a hemisphere, one a direction of a fine set.
 fn distant_lights(kind: DistantKind) -> Result<Vec<Light>, BakeError> {
     let downward = match kind {
-        DistantKind::Beam { direction } => {
+        DistantKind::Beam { direction } | DistantKind::Sun { direction } => {
             return Ok(vec![Light::Beam { direction: DVec3::from_array(direction), irradiance: 1.0 }]);
         }
         DistantKind::UpperSky => true,

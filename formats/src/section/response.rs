@@ -1,4 +1,4 @@
-//! `CLRT` v2: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
+//! `CLRT` v3: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
 //!
 //! A row belongs to one virtual source and holds, per coefficient of a directional basis, the Haar transform of the cloud's
 //! answer to a source of unit strength: of in-scattered radiance J ([`crate::basis`]). Rows are contiguous and found through
@@ -6,6 +6,7 @@
 
 mod head;
 mod stream;
+mod sun;
 
 pub use crate::basis::DirectionalBasis;
 pub use head::{
@@ -16,10 +17,12 @@ pub use stream::{
     COEFFICIENT_BYTES, CoefficientPlane, ESCAPE, StreamWriter, accumulate, check_stream, coefficient_planes,
 };
 
+pub use sun::{SUN_TOLERANCE_RAD, SunDirections, towards_sun};
+
 use crate::container::{OutSection, checksum};
 use crate::error::{Limits, ReadError};
 use crate::grid::GridShape;
-use crate::meta::{self, check_version, join_head, split_head};
+use crate::meta::{check_version, join_head, split_head};
 use crate::tag::Tag;
 use head::invalid;
 
@@ -70,8 +73,9 @@ pub struct ResponseSection<'a> {
 impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = head::TAG;
-    /// Version that this build writes, and the newest that it reads.
-    pub const VERSION: u16 = 2;
+    /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, or 3 with a sun or with light
+    /// on blocks of cells.
+    pub const VERSION: u16 = 3;
 
     /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
     pub fn read(bytes: &'a [u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
@@ -139,25 +143,26 @@ impl<'a> ResponseSection<'a> {
         self.bounds.get(row * coefficients..(row + 1) * coefficients).unwrap_or_default()
     }
 
-    /// Checks that the rows describe the cells of the asset's cloud grid: [`check_grid`].
+    /// Checks that the rows describe cells of the asset's cloud grid, or equal blocks of them: [`blocks_of`].
     ///
     /// Errors: another shape.
     pub fn check_grid(&self, cloud: GridShape) -> Result<(), ReadError> {
-        check_grid(self.head.shape, cloud)
+        blocks_of(self.head.shape, cloud).map(drop)
     }
 }
 
-/// Checks that rows of the shape `response` describe the cells of the asset's cloud grid, whose shape is `cloud`.
+/// Cells of the asset's cloud grid, whose shape is `cloud`, along x, y and z in a cell of rows of the shape `response`.
 ///
-/// Errors: another shape. Light on blocks of cells is not read by any version.
-pub fn check_grid(response: GridShape, cloud: GridShape) -> Result<(), ReadError> {
-    if response == cloud {
-        return Ok(());
+/// Errors: blocks that are not all of the same whole number of cells.
+pub fn blocks_of(response: GridShape, cloud: GridShape) -> Result<[u32; 3], ReadError> {
+    let (light, cells) = (response.to_array(), cloud.to_array());
+    if (0..3).all(|axis| cells[axis] >= light[axis] && cells[axis].is_multiple_of(light[axis])) {
+        return Ok([0, 1, 2].map(|axis: usize| (cells[axis] / light[axis]) as u32));
     }
     let [nx, ny, nz] = response.to_array();
     let [cx, cy, cz] = cloud.to_array();
     let found = format!("{nx} × {ny} × {nz} cells beside {cx} × {cy} × {cz} of section CLDG");
-    Err(invalid(None, "shape", "the cloud grid's", found))
+    Err(invalid(None, "shape", "the cloud grid's, or that of equal blocks of its cells", found))
 }
 
 /// The bytes of row `row` among all `rows`, unchecked. Errors: no such row.
@@ -211,7 +216,13 @@ pub struct ResponseRows {
 
 /// The section's bytes. `rows` are moved into it unchanged.
 pub fn write(head: &ResponseHead, rows: ResponseRows) -> OutSection {
-    let mut front = join_head(&meta::encode(head));
+    write_beside(head, rows, head.shape)
+}
+
+/// [`write`] beside a cloud grid of shape `cloud`, blocks of whose cells the rows may describe.
+pub fn write_beside(head: &ResponseHead, rows: ResponseRows, cloud: GridShape) -> OutSection {
+    let version = head.version(cloud != head.shape);
+    let mut front = join_head(&head.encode(version));
     let start = front.len();
     let mut offset = 0u64;
     for row in &rows.rows {
@@ -224,11 +235,5 @@ pub fn write(head: &ResponseHead, rows: ResponseRows) -> OutSection {
     let head_length = front.len() as u64;
     let mut parts = vec![front];
     parts.extend(rows.rows);
-    OutSection {
-        tag: ResponseSection::TAG,
-        version: ResponseSection::VERSION,
-        required: true,
-        head_length,
-        parts,
-    }
+    OutSection { tag: ResponseSection::TAG, version, required: true, head_length, parts }
 }

@@ -116,6 +116,7 @@ pub fn response(u: &mut Unstructured<'_>, cloud: &CloudHead) -> Result<OutSectio
         } else {
             None
         },
+        sun: None,
     };
     let rows: Vec<Vec<u8>> =
         (0..count).map(|_| row(u, codec, basis.count(), cells)).collect::<Result<_>>()?;

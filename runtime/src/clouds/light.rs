@@ -49,6 +49,12 @@ impl Viewer {
         }
     }
 
+    /// The unit direction from the middle of each of `cloud`'s cells to the viewer.
+    pub(super) fn ways(self, cloud: &Cloud) -> Vec<[f32; 3]> {
+        let way = |cell| self.direction_from(cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array();
+        (0..cloud.shape.len()).map(way).collect()
+    }
+
     /// Refuses a viewer whom the asset's light was not baked for.
     pub(super) fn check(self, relighter: &Relighter) -> Result<(), RuntimeError> {
         let (Self::At(vector) | Self::Along(vector)) = self;
@@ -93,7 +99,7 @@ impl CloudLight {
         Relit {
             basis: self.basis,
             frame: self.relighter.view_region_frame(),
-            cells: self.relighter.cloud().shape.len(),
+            cells: self.relighter.light_cloud().shape.len(),
             planes: &self.planes,
         }
     }
@@ -152,11 +158,15 @@ impl CloudLight {
             self.settings(),
             out,
         );
+        let scattered: Vec<f32> =
+            (0..relighter.light_cloud().shape.len()).map(|cell| lit.fluence(cell)).collect();
+        let mut spread = vec![0.0; out.len()];
+        relighter.spread(&scattered, &mut spread);
         let known = relighter.known_cells();
         for (cell, value) in out.iter_mut().enumerate() {
             // A codec's error may leave a dark cell below zero; fluence is not. Cut off with the direct light there, it moves the
             // mean least.
-            let whole = (*value + lit.fluence(cell)).max(0.0);
+            let whole = (*value + spread[cell]).max(0.0);
             *value = if known[cell] { whole } else { 0.0 };
         }
         Ok(())
@@ -179,11 +189,9 @@ impl CloudLight {
     /// J towards a viewer that was checked, as it is: the codec may leave it below zero.
     pub(super) fn towards(&self, viewer: Viewer, settings: DirectSettings, out: &mut [f32]) {
         let cloud = self.relighter.cloud();
-        self.in_scattered().towards_each(cloud, |_, middle| viewer.direction_from(middle), out);
+        spread_towards(&self.relighter, &self.in_scattered(), viewer, out);
         if !self.direct.is_empty() {
-            let middle = |cell: usize| cloud.centre(cloud.shape.cell(cell));
-            let ways: Vec<[f32; 3]> =
-                (0..out.len()).map(|cell| viewer.direction_from(middle(cell)).as_vec3().to_array()).collect();
+            let ways = viewer.ways(cloud);
             add_direct(cloud, self.relighter.extinction_scale(), &self.direct, &ways, settings, out);
         }
     }
@@ -202,7 +210,14 @@ pub(super) fn check_fluence(basis: DirectionalBasis) -> Result<(), RuntimeError>
     Err(RuntimeError::argument("fluence", wanted, "light towards a view region"))
 }
 
-/// J of relit coefficients in each cell's own direction to the viewer.
-pub(super) fn towards(relit: Relit<'_>, cloud: &Cloud, viewer: Viewer, j: &mut [f32]) {
-    InScattered::of(relit).towards_each(cloud, |_, middle| viewer.direction_from(middle), j);
+/// J in each of the cloud's cells in its own direction to the viewer, spread from the cells that the light is known for.
+pub(super) fn spread_towards(relighter: &Relighter, light: &InScattered<'_>, viewer: Viewer, j: &mut [f32]) {
+    let towards = |_: usize, middle: DVec3| viewer.direction_from(middle);
+    if !relighter.is_coarse() {
+        return light.towards_each(relighter.cloud(), towards, j);
+    }
+    let grid = relighter.light_cloud();
+    let mut coarse = vec![0.0; grid.shape.len()];
+    light.towards_each(grid, towards, &mut coarse);
+    relighter.spread(&coarse, j);
 }

@@ -4,6 +4,7 @@ use super::light::LiveReport;
 use crate::error::RuntimeError;
 use crate::live::LiveSolver;
 use crate::relight::{PointLight, Relighter};
+use crate::transport::direct::Light;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -20,7 +21,7 @@ pub(super) fn samples_of(relighter: &Relighter, lights: usize) -> u32 {
 
 /// A solver with the rows' discretisation. Errors: no solver can follow their record.
 pub(super) fn solver_of(relighter: &Relighter) -> Result<LiveSolver, RuntimeError> {
-    Ok(LiveSolver::new(relighter.cloud(), &relighter.response().head.solver)?)
+    Ok(LiveSolver::new(relighter.light_cloud(), &relighter.response().head.solver)?)
 }
 
 /// J's harmonic coefficients per cell of what `lights` scatter, beyond their direct light.
@@ -38,6 +39,17 @@ pub(super) fn scattered(
     Ok((live.coefficients, LiveReport { sweeps: live.sweeps, residual: live.residual }))
 }
 
+/// J's harmonic coefficients per cell of what a sun of irradiance 1 W/m² in direction `towards` scatters beyond its direct light.
+pub(super) fn scattered_sun(
+    relighter: &Relighter,
+    solver: &LiveSolver,
+    towards: DVec3,
+) -> Result<Vec<f32>, RuntimeError> {
+    let beam = Light::Beam { direction: -towards, irradiance: 1.0 };
+    let direct = solver.direct_of(&[beam], &[], samples_of(relighter, 1));
+    Ok(solver.solve(&direct, &mut |_| true)?.coefficients)
+}
+
 /// The points of one solve cell. What takes light away counts for their place as what adds some does.
 #[derive(Default)]
 struct Gathered {
@@ -50,7 +62,7 @@ fn gathered(relighter: &Relighter, lights: &[PointLight]) -> Vec<PointLight> {
     if lights.len() <= 1 {
         return lights.to_vec();
     }
-    let cloud = relighter.cloud();
+    let cloud = relighter.light_cloud();
     let refine = relighter.response().head.solver.refine.map(f64::from);
     let edge = DVec3::from_array(cloud.cell_m) / DVec3::from_array(refine);
     let mut cells: BTreeMap<[i64; 3], Gathered> = BTreeMap::new();

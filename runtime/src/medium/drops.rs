@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 /// Bins over the angle θ, half a degree each.
 const BINS: usize = 360;
 /// Rays over b², evenly spread over the sphere's disc.
-const RAYS: usize = 200_000;
+const RAYS: usize = 100_000;
 /// Reflections inside that are followed; what is left after them, some ten-thousandths, goes to the last.
 const ORDERS: usize = 8;
 /// Refractive indices of water at 20 °C in the middles of the red, green and blue bands, 630, 540 and 460 nm \[hale-querry\].

@@ -46,13 +46,17 @@ struct FootprintWindow {
 impl Kernel for SmoothWindow {
     type Scratch = ();
 
-    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
+    type Placed = Footprint;
+
+    fn place(&self, footprint: &Footprint) -> Option<(Clip, Footprint)> {
         let [ux, uy] = footprint.axis.map(f64::abs);
         let [along, across] = FootprintWindow::new(footprint).radii();
         let half = [along * ux + across * uy, along * uy + across * ux];
         // Casts saturate; a pixel more on each side covers their rounding toward zero.
         let edge = |axis: usize, side: f64| (footprint.centre[axis] + side * (half[axis] + 1.0)) as i32;
-        Some(Clip { left: edge(0, -1.0), top: edge(1, -1.0), right: edge(0, 1.0), bottom: edge(1, 1.0) })
+        let clip =
+            Clip { left: edge(0, -1.0), top: edge(1, -1.0), right: edge(0, 1.0), bottom: edge(1, 1.0) };
+        Some((clip, *footprint))
     }
 
     #[inline(always)]
@@ -304,7 +308,7 @@ mod tests {
                 let tile = pixels(&footprint, Clip { left, top, right: left + 40, bottom: top + 40 });
                 tiled.iter_mut().zip(tile).for_each(|(sum, value)| *sum += value);
             }
-            let bounds = SmoothWindow.bounds(&footprint).unwrap();
+            let bounds = SmoothWindow.place(&footprint).unwrap().0;
             for (i, (&a, &b)) in whole.iter().zip(&tiled).enumerate() {
                 let (x, y) = (i as i32 % 400, i as i32 / 400);
                 let within = x >= bounds.left && x < bounds.right && y >= bounds.top && y < bounds.bottom;

@@ -3,7 +3,7 @@
 use crate::error::RuntimeError;
 use crate::load::Asset;
 use squall_formats::section::response::{
-    CoefficientBound, ResponseHead, ResponseSection, RowEntry, check_grid, checked_row, row_bytes,
+    CoefficientBound, ResponseHead, ResponseSection, RowEntry, blocks_of, checked_row, row_bytes,
 };
 use squall_formats::{GridShape, ReadError};
 use std::ops::Range;
@@ -34,9 +34,11 @@ impl Response {
         Ok(Self { asset: asset.clone(), version: section.version, head: section.head, index, bounds, rows })
     }
 
-    /// Checks that the rows describe the cells of the asset's cloud grid: [`ResponseSection::check_grid`].
-    pub(super) fn check_grid(&self, cloud: GridShape) -> Result<(), ReadError> {
-        check_grid(self.head.shape, cloud)
+    /// Cells of a cloud grid of shape `cloud` in a cell of the rows, along x, y and z.
+    ///
+    /// Errors: as [`squall_formats::section::response::blocks_of`].
+    pub(super) fn blocks(&self, cloud: GridShape) -> Result<[u32; 3], ReadError> {
+        blocks_of(self.head.shape, cloud)
     }
 
     /// All rows.

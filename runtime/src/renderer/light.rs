@@ -2,12 +2,12 @@
 
 use super::FrameReport;
 use crate::camera::Ray;
-use crate::clouds::{Clouds, Viewer, with_extinction};
+use crate::clouds::{Clouds, SunSource, Viewer, with_extinction};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
 use crate::place::Place;
 use crate::shade::cloud::CloudPicture;
-use crate::shade::sky::{Sky, SkyParameters};
+use crate::shade::sky::{CloudLight, Sky, SkyParameters};
 use crate::shade::town::light::GlowLight;
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
@@ -21,6 +21,15 @@ const GLOW_RAYS: [usize; 2] = [96, 32];
 pub struct Ambient {
     made_for: Option<(SkyParameters, Viewer)>,
     light: Vec<Vec3>,
+    report: SkyReport,
+}
+
+/// What of the sky's light there was.
+#[derive(Clone, Copy, Default)]
+struct SkyReport {
+    sun: SunSource,
+    /// Whether both hemispheres light the cloud.
+    whole: bool,
 }
 
 impl Ambient {
@@ -29,24 +38,34 @@ impl Ambient {
         clouds: &mut Clouds,
         (sky, parameters): ((&Sky, Place), &SkyParameters),
         viewer: Viewer,
-    ) -> Result<&[Vec3], RuntimeError> {
+    ) -> Result<(&[Vec3], SkyReport), RuntimeError> {
         if self.made_for.as_ref().is_some_and(|(known, seen)| known == parameters && *seen == viewer) {
-            return Ok(&self.light);
+            return Ok((&self.light, self.report));
         }
         self.made_for = None;
         self.light.clear();
         self.light.resize(clouds.cloud().shape.len(), Vec3::ZERO);
+        let grid = clouds.shared();
         let light = &mut self.light;
-        clouds.distant(viewer, |kind, cloud, j| {
-            let colours = distant_colours(cloud, sky, kind);
-            light
-                .iter_mut()
-                .zip(j)
-                .zip(&colours)
-                .for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
+        let mut add = |colours: &[Vec3], j: &[f32]| {
+            let parts = light.iter_mut().zip(j).zip(colours);
+            parts.for_each(|((sum, &j), &colour)| *sum += colour * j.max(0.0));
+        };
+        let whole = clouds.hemispheres(viewer, |kind, j| {
+            let upper = kind == DistantKind::UpperSky;
+            let of = if upper { |light: CloudLight| light.upper } else { |light: CloudLight| light.lower };
+            add(&distant_colours(grid.cloud(), sky, of), j);
         })?;
+        let colours = distant_colours(grid.cloud(), sky, |light| light.sun_irradiance);
+        let mut sun = SunSource::Down;
+        if colours.iter().any(|colour| *colour != Vec3::ZERO) {
+            let mut j = vec![0.0; colours.len()];
+            sun = clouds.sun(sky.0.sun_direction().as_dvec3().normalize(), viewer, &mut j)?;
+            add(&colours, &j);
+        }
+        self.report = SkyReport { sun, whole };
         self.made_for = Some((parameters.clone(), viewer));
-        Ok(&self.light)
+        Ok((&self.light, self.report))
     }
 }
 
@@ -64,7 +83,7 @@ pub fn light_cells(
     let mut light = vec![Vec3::ZERO; clouds.cloud().shape.len()];
     let lit = clouds.add_flashes(&frame.flashes, viewer, &mut light)?;
     with_extinction(clouds.cloud(), &light, flash_cells);
-    let ambient = ambient.of(clouds, (sky, &frame.sky), viewer)?;
+    let (ambient, of_sky) = ambient.of(clouds, (sky, &frame.sky), viewer)?;
     light.iter_mut().zip(ambient).for_each(|(sum, &ambient)| *sum += ambient);
     with_extinction(clouds.cloud(), &light, cells);
     Ok(FrameReport {
@@ -73,26 +92,23 @@ pub fn light_cells(
         lights_live: lit.live,
         strokes_kept: lit.kept,
         streaks: 0,
+        sun: of_sky.sun,
+        sky_missing: !of_sky.whole,
     })
 }
 
-/// Strength of distant light per cell: radiance of a hemisphere, W/(m² sr), or irradiance of the sun, W/m².
+/// Strength of distant light per cell: radiance of a hemisphere, W/(m² sr), or irradiance of the sun, W/m²; `of` picks it.
 ///
 /// The sun's rows are those of a beam that fills all space; where the Earth's shadow cuts it, at dusk, each cell is lit by
 /// what reaches its own height. Light that is scattered across the shadow's edge, within the cloud, is taken from the
 /// wrong side of it: at most some mean free paths of a ramp that is kilometres wide.
-fn distant_colours(cloud: &Cloud, (sky, from): (&Sky, Place), kind: DistantKind) -> Vec<Vec3> {
+fn distant_colours(cloud: &Cloud, (sky, from): (&Sky, Place), of: fn(CloudLight) -> [f32; 3]) -> Vec<Vec3> {
     let [nx, ny, nz] = cloud.shape.to_array();
     let mut colours = Vec::with_capacity(cloud.shape.len());
     for z in 0..nz {
         let at = |x: usize, y: usize| {
             let place = cloud.centre([x, y, z]) - from.origin;
-            let light = sky.cloud_light(place.z, place);
-            Vec3::from_array(match kind {
-                DistantKind::UpperSky => light.upper,
-                DistantKind::LowerSky => light.lower,
-                DistantKind::Beam { .. } => light.sun_irradiance,
-            })
+            Vec3::from_array(of(sky.cloud_light(place.z, place)))
         };
         // Within a layer it is linear across tens of kilometres.
         let corners = [at(0, 0), at(nx - 1, 0), at(0, ny - 1), at(nx - 1, ny - 1)];

@@ -10,7 +10,6 @@ use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
-use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
 use crate::rain::{
     Covers, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot, SmoothWindow,
@@ -20,7 +19,6 @@ use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
 use crate::world::{Beam, InScattering, WorldLight};
 use glam::DVec3;
-use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::town::StreetLamp;
@@ -88,9 +86,9 @@ impl RainLight for DropLight<'_> {
             let way = drop - *lamp;
             let squared = way.length_squared().max(0.01);
             let cosine = -way.dot(ray.direction) / squared.sqrt();
-            let share = henyey_greenstein(Optics::GEOMETRIC.asymmetry, cosine) / squared;
+            let share = self.world.phase().values(cosine);
             for band in 0..3 {
-                light[band] += (f64::from(intensity[band]) * share) as f32;
+                light[band] += (f64::from(intensity[band]) * share[band] / squared) as f32;
             }
         }
         light
@@ -152,9 +150,8 @@ fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) ->
 }
 
 /// What drops show of the world and of the flashes.
-pub fn drops_in(world: &WorldLight, flashes: &[LitStroke], eye: DVec3) -> InScattering {
-    let phase = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
-    world.in_scattering(&phase).with_beam(flash_at(flashes, eye, |_| false))
+pub fn drops_in(world: &WorldLight, phase: &Phase, flashes: &[LitStroke], eye: DVec3) -> InScattering {
+    world.in_scattering(phase).with_beam(flash_at(flashes, eye, |_| false))
 }
 
 /// Composites the frame's medium over the picture.
@@ -175,7 +172,7 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
         memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
-    let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
+    let medium = task.frame.medium.medium(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
     // Within the same rain as the eye, a light has its halo; from beyond, it is a beam.
     let eye = camera.position;
     let full = field.filled_radius(eye).min(field.farthest());

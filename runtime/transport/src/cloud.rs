@@ -106,6 +106,22 @@ impl Cloud {
         Ok(Self { shape, cell_m, extinction, ..self.clone() })
     }
 
+    /// The same cloud in cells `factors` times as large along x, y and z, each with the mean extinction of the cells in it.
+    ///
+    /// Errors: factors that do not divide the grid.
+    pub fn coarsened(&self, factors: [u32; 3]) -> Result<Self, ArgumentError> {
+        let counts = self.shape.to_array();
+        let fits = |axis: usize| factors[axis] > 0 && counts[axis].is_multiple_of(factors[axis] as usize);
+        if !(0..3).all(fits) {
+            let wanted = format!("whole blocks of {counts:?} cells");
+            return Err(ArgumentError::new("blocks of cells", wanted, format!("{factors:?}")));
+        }
+        let index = CoarseIndex::new(self.shape, factors);
+        let extinction = index.means(&self.extinction, 1);
+        let cell_m = std::array::from_fn(|axis| self.cell_m[axis] * f64::from(factors[axis]));
+        Ok(Self { shape: index.coarse(), cell_m, extinction, ..self.clone() })
+    }
+
     /// The cells of `marked`, and the 26 around each; across the sides too where the grid repeats.
     ///
     /// Panics when `marked` is not one grid long.

@@ -9,7 +9,7 @@
 
 use crate::Cloud;
 use crate::cloud::CoarseIndex;
-use crate::direct::{DirectField, Tracer};
+use crate::direct::{DirectField, Light, Tracer};
 use crate::error::ArgumentError;
 use crate::lanes::SimdLevel;
 use crate::light::PointLight;
@@ -105,11 +105,17 @@ impl LiveSolver {
     /// Follows the lights' direct light, `samples`² rays through every boundary face of the solve grid, and collects it
     /// towards `directions`. The same bytes come out for any number of threads.
     pub fn direct(&self, lights: &[PointLight], directions: &[DVec3], samples: u32) -> DirectCells {
+        let lights: Vec<Light> = lights.iter().map(|&light| light.into()).collect();
+        self.direct_of(&lights, directions, samples)
+    }
+
+    /// [`LiveSolver::direct`] of lights of any kind.
+    pub fn direct_of(&self, lights: &[Light], directions: &[DVec3], samples: u32) -> DirectCells {
         let tracer = Tracer::new(&self.fine, self.solver.scaled().extinction_scale);
-        let piece = |_: usize, lights: &[PointLight]| -> DirectField<4> {
+        let piece = |_: usize, lights: &[Light]| -> DirectField<4> {
             let mut field = DirectField::new(&self.fine, directions);
             for &light in lights {
-                tracer.rays(light.into(), samples, |ray| {
+                tracer.rays(light, samples, |ray| {
                     tracer.trace(ray, &mut field);
                 });
             }

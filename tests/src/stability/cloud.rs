@@ -63,7 +63,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             },
         };
         let stroke = vec![PointLight { position: 0.5 * (cloud.origin_m + high), intensity: 1e6 }];
-        let sources = Sources { lights, distant: Vec::new() };
+        let sources = Sources { lights, distant: Vec::new(), sun: None };
         let held_out = std::slice::from_ref(&stroke);
         let job =
             Job { cloud: &cloud, sources: &sources, settings: &settings, held_out, known: None, cache: None };

@@ -164,7 +164,7 @@ fn a_footprint_cut_into_clips_is_the_same_footprint_and_stays_within_its_bounds(
             }
         }
         assert!(whole == cut, "{footprint:?}");
-        let bounds = set.bounds(&footprint).unwrap();
+        let bounds = set.place(&footprint).unwrap().0;
         for (i, _) in whole.iter().enumerate().filter(|(_, share)| **share > 0.0) {
             let (x, y) = (i as i32 % SIDE, i as i32 / SIDE);
             assert!(x >= bounds.left && x < bounds.right && y >= bounds.top && y < bounds.bottom);
@@ -176,7 +176,7 @@ fn a_footprint_cut_into_clips_is_the_same_footprint_and_stays_within_its_bounds(
 fn what_is_no_streak_draws_nothing() {
     let set = PictureSet::new(&[even()], 4);
     let streak = Footprint { centre: [9.0; 2], axis: [0.0, 1.0], length: 9.0, width: 1.0, pattern: 0 };
-    assert!(set.bounds(&streak).is_some() && PictureSet::new(&[], 4).bounds(&streak).is_none());
+    assert!(set.place(&streak).is_some() && PictureSet::new(&[], 4).place(&streak).is_none());
     for broken in [
         Footprint { width: 0.0, ..streak },
         Footprint { width: f64::NAN, ..streak },
@@ -184,7 +184,7 @@ fn what_is_no_streak_draws_nothing() {
         Footprint { axis: [0.0; 2], ..streak },
         Footprint { centre: [f64::NAN, 0.0], ..streak },
     ] {
-        assert_eq!(set.bounds(&broken), None, "{broken:?}");
+        assert_eq!(set.place(&broken), None, "{broken:?}");
         assert!(pixels(&set, &broken, ALL).iter().all(|&share| share == 0.0));
     }
 }

@@ -6,7 +6,7 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::provenance::InputRecord;
 use squall_formats::section::response::{
-    Codec, DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseSection,
+    Codec, DirectTerm, DirectionalBasis, DistantKind, NO_ROW, ResponseSection, SunDirections,
 };
 use squall_formats::section::view::ViewSection;
 use squall_runtime::relight::share_lit;
@@ -44,6 +44,7 @@ pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
         DistantKind::UpperSky => json!({ "kind": "upper-sky", "direction": null }),
         DistantKind::LowerSky => json!({ "kind": "lower-sky", "direction": null }),
         DistantKind::Beam { direction } => json!({ "kind": "beam", "direction": direction }),
+        DistantKind::Sun { direction } => json!({ "kind": "sun", "direction": direction }),
     });
     let region = head.view_region.map(|region| json!({ "low_m": region.low_m, "high_m": region.high_m }));
     let cells = head.shape.len();
@@ -66,9 +67,23 @@ pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
             Codec::Paper => "paper",
         },
         "view_region": region,
+        "sun": head.sun.as_ref().map(sun),
+        "light_cells": head.shape.to_array(),
         "cells": cells,
         "lit_cells": (0..cells).filter(|&cell| head.sees(cell)).count(),
     }))
+}
+
+/// Where the sun may stand.
+fn sun(directions: &SunDirections) -> Value {
+    match directions {
+        SunDirections::Rings { elevations_rad, counts } => json!({
+            "kind": "rings",
+            "elevations_deg": elevations_rad.iter().map(|ring| ring.to_degrees()).collect::<Vec<_>>(),
+            "counts": counts,
+        }),
+        SunDirections::Path => json!({ "kind": "path", "elevations_deg": null, "counts": null }),
+    }
 }
 
 /// The strokes, with the keys that SPEC.md gives them.

@@ -1,5 +1,6 @@
 //! A response's metadata: which sources its rows belong to, what their coefficients mean, how they were solved for.
 
+use super::sun::SunDirections;
 use crate::basis::DirectionalBasis;
 use crate::error::{Limits, ReadError};
 use crate::grid::GridShape;
@@ -54,9 +55,15 @@ pub enum DistantKind {
         /// Unit direction of travel.
         direction: [f64; 3],
     },
+    /// The same for the sun, its direct light left to the reader: the row holds what the cloud scatters beyond that. New in
+    /// version 3.
+    Sun {
+        /// Unit direction of travel.
+        direction: [f64; 3],
+    },
 }
 
-/// A row that belongs to distant light; it holds all of that light, direct light included.
+/// A row that belongs to distant light; it holds all of that light, direct light included, but of [`DistantKind::Sun`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DistantSource {
     /// Which light.
@@ -141,9 +148,25 @@ pub struct ResponseHead {
     /// Which cells' light means something, a bit each, lowest first; all where absent. New in version 2: in a section of version 1
     /// it may be only the cells with extinction and those that touch one.
     pub seen: Option<Vec<u8>>,
+    /// Where the sun may stand whose beams are among the distant lights. New in version 3.
+    pub sun: Option<SunDirections>,
 }
 
 impl ResponseHead {
+    /// The oldest version that can say this, which is the one that is written.
+    pub(super) fn version(&self, cloud_blocks: bool) -> u16 {
+        if self.sun.is_some() || cloud_blocks { 3 } else { 2 }
+    }
+
+    /// The metadata record of a section of `version`.
+    pub(super) fn encode(&self, version: u16) -> Vec<u8> {
+        if version >= 3 {
+            return meta::encode(self);
+        }
+        let Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, .. } = self;
+        meta::encode(&(shape, sources, distant, basis, direct, codec, solver, view_region, seen))
+    }
+
     /// Whether the rows' light in cell `cell` means something.
     pub fn sees(&self, cell: usize) -> bool {
         self.seen
@@ -157,6 +180,27 @@ pub fn pack_seen(seen: &[bool]) -> Vec<u8> {
     let byte =
         |cells: &[bool]| cells.iter().enumerate().fold(0, |byte, (bit, &seen)| byte | u8::from(seen) << bit);
     seen.chunks(8).map(byte).collect()
+}
+
+/// [`ResponseHead`] as version 2 has it.
+#[derive(Deserialize)]
+struct HeadV2 {
+    shape: GridShape,
+    sources: SourceBasis,
+    distant: Vec<DistantSource>,
+    basis: DirectionalBasis,
+    direct: DirectTerm,
+    codec: Codec,
+    solver: SolverRecord,
+    view_region: Option<ViewRegion>,
+    seen: Option<Vec<u8>>,
+}
+
+impl From<HeadV2> for ResponseHead {
+    fn from(head: HeadV2) -> Self {
+        let HeadV2 { shape, sources, distant, basis, direct, codec, solver, view_region, seen } = head;
+        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun: None }
+    }
 }
 
 /// [`ResponseHead`] as version 1 has it.
@@ -187,6 +231,7 @@ impl HeadV1 {
             solver,
             view_region: None,
             seen: None,
+            sun: None,
         })
     }
 }
@@ -199,6 +244,7 @@ impl ResponseHead {
     pub(super) fn read(record: &[u8], version: u16, limits: &Limits) -> Result<(Self, usize), ReadError> {
         let head: Self = match version {
             1 => meta::decode::<HeadV1>(TAG, record, limits)?.newest()?,
+            2 => meta::decode::<HeadV2>(TAG, record, limits)?.into(),
             _ => meta::decode(TAG, record, limits)?,
         };
         let cells = head.shape.checked_len().filter(|&cells| cells as u64 <= limits.cells);
@@ -212,6 +258,7 @@ impl ResponseHead {
         head.check_seen()?;
         head.solver.check()?;
         let rows = head.check_sources(limits)?;
+        head.check_sun()?;
         Ok((head, rows))
     }
 
@@ -237,6 +284,18 @@ impl ResponseHead {
             return Ok(());
         }
         Err(invalid(None, "view region", "a box within 1e9 m", format!("{region:?}")))
+    }
+
+    /// The sun's beams, and the record that says what they cover.
+    fn check_sun(&self) -> Result<(), ReadError> {
+        let suns = self.suns();
+        match &self.sun {
+            Some(sun) => sun.check(&suns),
+            None if suns.is_empty() => Ok(()),
+            None => {
+                Err(invalid(None, "distant light", "no beam of the sun without its record", "one".into()))
+            }
+        }
     }
 
     fn check_seen(&self) -> Result<(), ReadError> {
@@ -282,7 +341,7 @@ impl ResponseHead {
             }
         }
         for source in &self.distant {
-            if let DistantKind::Beam { direction } = source.kind {
+            if let DistantKind::Beam { direction } | DistantKind::Sun { direction } = source.kind {
                 let length: f64 = direction.iter().map(|v| v * v).sum();
                 if !(1.0 - 1e-6..1.0 + 1e-6).contains(&length) {
                     return Err(invalid(None, "beam direction", "a unit vector", format!("{direction:?}")));
