@@ -19,7 +19,7 @@ use crate::shade::town::frame::Quality;
 use crate::tone::{Tone, glow::Glow};
 use glam::{DVec2, DVec3};
 use squall_formats::section::view::{
-    ViewCamera, ViewDetail, ViewFlash, ViewRain, ViewSection, ViewSky, ViewTone,
+    ViewCamera, ViewDetail, ViewFlash, ViewMedium, ViewRain, ViewSection, ViewSky, ViewTone,
 };
 use squall_formats::units::{Metres, MillimetresPerHour, Radians, Seconds};
 use std::sync::Arc;
@@ -231,6 +231,7 @@ impl Frame {
                 .map(|flash| ViewFlash { stroke: String::new(), brightness: flash.brightness })
                 .collect(),
             tone: ViewTone::default(),
+            medium: ViewMedium::default(),
         };
         numbers.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))
     }
@@ -294,7 +295,7 @@ impl From<&ViewSection> for Frame {
             exposure: Seconds(view.camera.exposure_s),
             weather: Weather { volume: volume_of(rain), ..steady },
             place: RainPlace::default(),
-            medium: MediumChoice::default(),
+            medium: MediumChoice::from(&view.medium),
             streaks: Streaks { seed: rain.seed, length_px: rain.streak_px, gain: rain.gain },
             sky: SkyParameters {
                 sun_azimuth: Radians(sky.sun_azimuth_rad),

@@ -151,7 +151,6 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         frame.camera = camera.resized(view.camera.size_px)?;
     }
     frame.quality.town.samples = args.samples;
-    args.weather.set_frame(&mut frame);
     if let Some(milliseconds) = args.exposure_ms {
         frame.exposure = Seconds(milliseconds * 1e-3);
         frame.check()?;

@@ -4,7 +4,8 @@ use super::place::Source;
 use crate::error::RecipeError;
 use serde::Deserialize;
 use squall_formats::section::view::{
-    ViewCamera, ViewDetail, ViewFlash, ViewRain, ViewSection, ViewSky, ViewTone,
+    ViewCamera, ViewDetail, ViewFlash, ViewForm, ViewMedium, ViewPhase, ViewRain, ViewSection, ViewSky,
+    ViewTone,
 };
 use std::ops::Range;
 use toml::Spanned;
@@ -38,6 +39,23 @@ enum FlashFile {
     Factor { stroke: String, brightness: f64 },
 }
 
+/// The medium's forms by name.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum FormName {
+    BesideStreaks,
+    Whole,
+    Paper,
+}
+
+/// Phase functions by name.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum PhaseName {
+    Hg,
+    Drops,
+}
+
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RainFile {
@@ -47,6 +65,9 @@ struct RainFile {
     seed: Option<u64>,
     streak_px: Option<[f64; 2]>,
     gain: Option<f64>,
+    medium: Option<FormName>,
+    phase: Option<PhaseName>,
+    g: Option<f64>,
     ceiling_m: Option<f64>,
     ceiling_softness_m: Option<f64>,
     centre_m: Option<[f64; 2]>,
@@ -125,8 +146,12 @@ impl ViewFile {
                 flashes
             }
         };
+        let medium = self.rain.medium().map_err(|(field, wanted, found)| {
+            source.refused(&["view"], field, wanted, found, span.clone())
+        })?;
         let view = ViewSection {
             camera,
+            medium,
             rain: self.rain.record(),
             sky: self.sky.record(),
             detail: self.detail.record(),
@@ -142,6 +167,24 @@ impl ViewFile {
 }
 
 impl RainFile {
+    /// The medium, or what doesn't go together.
+    fn medium(&self) -> Result<ViewMedium, (&'static str, &'static str, String)> {
+        let form = match self.medium {
+            None | Some(FormName::BesideStreaks) => ViewForm::BesideStreaks,
+            Some(FormName::Whole) => ViewForm::Whole,
+            Some(FormName::Paper) => ViewForm::Paper,
+        };
+        let phase = match (self.phase, self.g) {
+            (Some(PhaseName::Drops), Some(g)) => {
+                return Err(("rain.g", "no g beside phase = \"drops\", which has its own", g.to_string()));
+            }
+            (Some(PhaseName::Drops), None) => ViewPhase::Drops,
+            (_, Some(g)) => ViewPhase::Asymmetry(g),
+            (_, None) => ViewPhase::OfForm,
+        };
+        Ok(ViewMedium { form, phase })
+    }
+
     fn record(self) -> ViewRain {
         let usual = ViewRain::default();
         ViewRain {

@@ -1,4 +1,4 @@
-//! `VIEW` v1: the recipe's own picture: camera, weather, sky, which strokes flash, how the picture is developed.
+//! `VIEW` v1 and v2: the recipe's own picture: camera, weather, sky, which strokes flash, how the picture is developed.
 //! Bytes: SPEC.md, "VIEW".
 //!
 //! A runtime may draw any other view of an asset; this is the one that its author framed. Metres, seconds, radians,
@@ -25,6 +25,9 @@ pub struct ViewSection {
     pub flashes: Vec<ViewFlash>,
     /// How light becomes a picture.
     pub tone: ViewTone,
+    /// Which medium the rain is; a record of its own, in version 2 alone.
+    #[serde(skip)]
+    pub medium: ViewMedium,
 }
 
 /// A perspective camera.
@@ -63,6 +66,46 @@ pub struct ViewRain {
     pub ceiling_m: Option<[f64; 2]>,
     /// Axis of the cylinder outside of which it does not rain: x, y, radius of full rain, width of the edge, m.
     pub region_m: Option<[f64; 4]>,
+}
+
+/// The form of the rain's medium.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ViewForm {
+    /// Rain that is not drawn as streaks, Q = 1.
+    #[default]
+    BesideStreaks,
+    /// All rain, Q = 2.
+    Whole,
+    /// \[weber\] eq. 9 and 10 as printed.
+    Paper,
+}
+
+/// How drops spread light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum ViewPhase {
+    /// Henyey and Greenstein's function with the form's own asymmetry.
+    #[default]
+    OfForm,
+    /// With this asymmetry, in [−0.999, 0.999].
+    Asymmetry(f64),
+    /// Geometric optics of drops, with their bows.
+    Drops,
+}
+
+/// The rain's medium.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ViewMedium {
+    /// Its form.
+    pub form: ViewForm,
+    /// How it spreads light.
+    pub phase: ViewPhase,
+}
+
+/// Version 2's record.
+#[derive(Serialize, Deserialize)]
+struct WithMedium {
+    view: ViewSection,
+    medium: ViewMedium,
 }
 
 /// The sky.
@@ -207,8 +250,8 @@ const FARTHEST_M: f64 = 1e9;
 impl ViewSection {
     /// The section's tag.
     pub const TAG: Tag = Tag(*b"VIEW");
-    /// Version that this build writes, and the newest that it reads.
-    pub const VERSION: u16 = 1;
+    /// Newest version that this build reads. It writes version 1 wherever the medium is the usual one.
+    pub const VERSION: u16 = 2;
 
     /// Field, accepted range and value of the first number out of range.
     pub fn check(&self) -> Result<(), Refusal> {
@@ -220,6 +263,9 @@ impl ViewSection {
         within("detail.fibres_from_m", "-1e7 to 1e7 m", self.detail.fibres_from_m, -1e7, 1e7)?;
         for flash in &self.flashes {
             within("flashes.brightness", "0 to 1e12", flash.brightness, 0.0, 1e12)?;
+        }
+        if let ViewPhase::Asymmetry(g) = self.medium.phase {
+            within("rain.g", "-0.999 to 0.999", g, -0.999, 0.999)?;
         }
         within("tone.exposure", "1e-12 to 1e12", self.tone.exposure, 1e-12, 1e12)?;
         within("tone.contrast", "0.1 to 4", self.tone.contrast, 0.1, 4.0)?;
@@ -234,7 +280,13 @@ impl ViewSection {
     /// its range.
     pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
         check_version(Self::TAG, version, Self::VERSION)?;
-        let view: Self = meta::decode(Self::TAG, bytes, limits)?;
+        let view = match version {
+            1 => meta::decode(Self::TAG, bytes, limits)?,
+            _ => {
+                let WithMedium { view, medium } = meta::decode(Self::TAG, bytes, limits)?;
+                Self { medium, ..view }
+            }
+        };
         let refused = |(field, wanted, found)| ReadError::Invalid {
             section: Self::TAG,
             offset: None,
@@ -252,7 +304,11 @@ impl ViewSection {
 
     /// The section's bytes.
     pub fn write(&self) -> OutSection {
-        OutSection::small(Self::TAG, Self::VERSION, false, meta::encode(self))
+        if self.medium == ViewMedium::default() {
+            return OutSection::small(Self::TAG, 1, false, meta::encode(self));
+        }
+        let whole = WithMedium { view: self.clone(), medium: self.medium };
+        OutSection::small(Self::TAG, Self::VERSION, false, meta::encode(&whole))
     }
 }
 
@@ -337,6 +393,25 @@ mod tests {
     fn a_view_reads_back_as_it_was_written() {
         let found = ViewSection::read(&bytes(&view()), 1, &Limits::default()).unwrap();
         assert_eq!(found, view());
+    }
+
+    #[test]
+    fn the_usual_medium_keeps_version_1_and_another_is_a_record_of_its_own_behind_the_same_bytes() {
+        let usual = view().write();
+        assert_eq!(usual.version, 1);
+        let medium = ViewMedium { form: ViewForm::Whole, phase: ViewPhase::Asymmetry(0.8) };
+        let other = ViewSection { medium, ..view() };
+        assert_eq!(other.write().version, 2);
+        let whole = meta::encode(&WithMedium { view: other.clone(), medium });
+        assert!(whole.starts_with(&bytes(&view())));
+        assert_eq!(ViewSection::read(&whole, 2, &Limits::default()).unwrap(), other);
+        for end in 0..whole.len() {
+            assert!(ViewSection::read(&whole[..end], 2, &Limits::default()).is_err(), "{end}");
+        }
+        let wrong = ViewMedium { phase: ViewPhase::Asymmetry(1.0), ..medium };
+        let wrong = meta::encode(&WithMedium { view: view(), medium: wrong });
+        assert!(ViewSection::read(&wrong, 2, &Limits::default()).is_err());
+        assert!(ViewSection::read(&whole, 3, &Limits::default()).is_err());
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::error::RuntimeError;
 use crate::rain::Shot;
 use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
+use squall_formats::section::view::{ViewForm, ViewMedium, ViewPhase};
 use squall_formats::units::MillimetresPerHour;
 use std::sync::Arc;
 
@@ -55,6 +56,23 @@ pub struct MediumChoice {
     pub form: MediumForm,
     /// How it and single drops spread light.
     pub phase: PhaseChoice,
+}
+
+impl From<&ViewMedium> for MediumChoice {
+    /// Works the drops' phase function out where a view asks for it, some tens of milliseconds.
+    fn from(view: &ViewMedium) -> Self {
+        let form = match view.form {
+            ViewForm::BesideStreaks => MediumForm::BesideStreaks,
+            ViewForm::Whole => MediumForm::Whole,
+            ViewForm::Paper => MediumForm::Paper,
+        };
+        let phase = match view.phase {
+            ViewPhase::OfForm => PhaseChoice::OfForm,
+            ViewPhase::Asymmetry(g) => PhaseChoice::Asymmetry(g),
+            ViewPhase::Drops => PhaseChoice::Table(Arc::new(PhaseTable::drops())),
+        };
+        Self { form, phase }
+    }
 }
 
 /// \[weber\]'s asymmetry.

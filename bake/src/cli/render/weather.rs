@@ -1,10 +1,7 @@
 //! What `squall render` may say of rain, lens and sun in place of the view.
 
 use super::super::json;
-use squall_formats::section::view::ViewSection;
-use squall_runtime::Frame;
-use squall_runtime::medium::{MediumForm, PhaseChoice, PhaseTable};
-use std::sync::Arc;
+use squall_formats::section::view::{ViewForm, ViewPhase, ViewSection};
 
 /// The form of the rain's medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -32,13 +29,13 @@ pub struct Weather {
     /// Full angle between the picture's top and bottom edge, degrees.
     #[arg(long, value_name = "DEG", conflicts_with = "camera", help_heading = "Weather")]
     fov: Option<f64>,
-    /// Form of the rain's medium.
-    #[arg(long, value_enum, default_value = "beside-streaks", help_heading = "Weather")]
-    medium: Form,
-    /// How drops spread light.
-    #[arg(long, value_enum, default_value = "hg", help_heading = "Weather")]
-    phase: PhaseName,
-    /// Asymmetry of Henyey and Greenstein's function, in (-1, 1); the medium's own if left out.
+    /// Form of the rain's medium in place of the view's.
+    #[arg(long, value_enum, help_heading = "Weather")]
+    medium: Option<Form>,
+    /// How drops spread light, in place of the view's.
+    #[arg(long, value_enum, help_heading = "Weather")]
+    phase: Option<PhaseName>,
+    /// Asymmetry of Henyey and Greenstein's function, -0.999 to 0.999, in place of the view's or the form's own.
     #[arg(long, value_name = "G", allow_negative_numbers = true, help_heading = "Weather")]
     g: Option<f64>,
     /// Irradiance of the sun outside the air, W/m²: one number, or three for red, green and blue with commas between them.
@@ -52,6 +49,24 @@ impl Weather {
         if let Some(degrees) = self.fov {
             view.camera.vertical_fov_rad = degrees.to_radians();
         }
+        if let Some(form) = self.medium {
+            view.medium.form = match form {
+                Form::BesideStreaks => ViewForm::BesideStreaks,
+                Form::Whole => ViewForm::Whole,
+                Form::Paper => ViewForm::Paper,
+            };
+        }
+        match (self.phase, self.g) {
+            (None, None) => {}
+            (Some(PhaseName::Hg), None) => view.medium.phase = ViewPhase::OfForm,
+            (Some(PhaseName::Drops), None) => view.medium.phase = ViewPhase::Drops,
+            (None | Some(PhaseName::Hg), Some(g)) => view.medium.phase = ViewPhase::Asymmetry(g),
+            (Some(PhaseName::Drops), Some(g)) => {
+                json::usage(&format!(
+                    "--g {g}: wanted with --phase hg only; rays through drops have their own"
+                ));
+            }
+        }
         match self.sun_irradiance.as_deref() {
             None => {}
             Some([all]) => view.sky.sun_irradiance_w_per_m2 = [*all; 3],
@@ -60,24 +75,5 @@ impl Weather {
                 json::usage(&format!("--sun-irradiance: wanted one number or three, found {}", other.len()));
             }
         }
-    }
-
-    /// Sets what a frame holds beside its view.
-    pub fn set_frame(&self, frame: &mut Frame) {
-        frame.medium.form = match self.medium {
-            Form::BesideStreaks => MediumForm::BesideStreaks,
-            Form::Whole => MediumForm::Whole,
-            Form::Paper => MediumForm::Paper,
-        };
-        frame.medium.phase = match (self.phase, self.g) {
-            (PhaseName::Hg, None) => PhaseChoice::OfForm,
-            (PhaseName::Hg, Some(g)) => PhaseChoice::Asymmetry(g),
-            (PhaseName::Drops, None) => PhaseChoice::Table(Arc::new(PhaseTable::drops())),
-            (PhaseName::Drops, Some(g)) => {
-                json::usage(&format!(
-                    "--g {g}: wanted with --phase hg only; rays through drops have their own"
-                ));
-            }
-        };
     }
 }
