@@ -4,6 +4,7 @@ use super::common::Common;
 use super::folder;
 use super::json;
 use super::picture::{Format, PictureFile, Sheet};
+use super::sky::SkyArgs;
 use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::input::scene::read_camera;
@@ -51,6 +52,8 @@ pub struct Args {
     /// Stops to brighten (or, negative, darken) a .png by.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = stops)]
     stops: f32,
+    #[command(flatten)]
+    sky: SkyArgs,
     /// Samples along each side of a pixel of the town.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: u32,
@@ -158,6 +161,7 @@ fn view_of(args: &Args, camera: Option<&Camera>, renderer: &StormRenderer) -> an
             return Err(BakeError::input(&args.asset, "view", wanted, "none of them").into());
         }
     };
+    args.sky.apply(&mut view.sky);
     if let Some(rate) = args.rate {
         view.rain.rate_mm_per_h = rate;
     }

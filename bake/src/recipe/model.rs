@@ -26,6 +26,8 @@ pub struct Recipe {
     pub strokes: Vec<StrokeRecord>,
     /// Town file, JSON.
     pub town: Option<PathBuf>,
+    /// The point of the ground that the scene stands on, m: the town's own origin.
+    pub place_m: Option<[f64; 3]>,
     /// The picture that the recipe frames.
     pub view: Option<ViewSection>,
 }

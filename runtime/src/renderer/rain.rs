@@ -55,6 +55,11 @@ impl Place {
         Ok(Self { map, farthest: section.farthest_m.map(Metres) })
     }
 
+    /// The same measured from another point.
+    pub fn measured_from(self, point: DVec3) -> Self {
+        Self { map: self.map.map(|map| Arc::new(map.measured_from(point))), ..self }
+    }
+
     /// The frame's rain, as its camera sees it.
     pub fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
         let (weather, place) = (&frame.weather, &frame.place);
