@@ -27,6 +27,31 @@ fn encode_png(picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> std::io:
     Ok(out)
 }
 
+/// Values of one channel of [`encode_layers`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum ChannelValues {
+    /// Numbers.
+    Floats(Vec<f32>),
+    /// Names.
+    Names(Vec<u32>),
+}
+
+/// Bytes of an OpenEXR file with these channels, row 0 on top, in 32 bits each; a layer's channels share what stands before their
+/// last dot. Errors: a picture without pixels.
+pub fn encode_layers(
+    size: (usize, usize),
+    channels: Vec<(String, ChannelValues)>,
+) -> std::io::Result<Vec<u8>> {
+    let channels = channels.into_iter().map(|(name, values)| {
+        let samples = match values {
+            ChannelValues::Floats(values) => FlatSamples::F32(values),
+            ChannelValues::Names(values) => FlatSamples::U32(values),
+        };
+        AnyChannel::new(name.as_str(), samples)
+    });
+    write_channels(size, channels.collect())
+}
+
 /// Largest number of a 16-bit float.
 const LARGEST_HALF: f32 = 65_504.0;
 
@@ -87,7 +112,11 @@ pub fn encode_named_channels(
         };
         AnyChannel::new(name, samples)
     });
-    let channels = AnyChannels::sort(channels.collect());
+    write_channels(size, channels.collect())
+}
+
+fn write_channels(size: (usize, usize), channels: Vec<AnyChannel<FlatSamples>>) -> std::io::Result<Vec<u8>> {
+    let channels = AnyChannels::sort(channels.into_iter().collect());
     let encoding = Encoding {
         compression: Compression::ZIP16,
         blocks: Blocks::ScanLines,

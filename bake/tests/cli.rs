@@ -17,6 +17,7 @@ mod rain;
 mod readme;
 mod recipe;
 mod relight;
+mod sequence;
 mod solve;
 mod steps;
 mod streaks;

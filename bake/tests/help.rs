@@ -22,7 +22,7 @@ fn same(name: &str, text: &str) {
     assert!(text == wanted, "{} differs; SQUALL_UPDATE=1 writes it anew. Now:\n{text}", path.display());
 }
 
-const COMMANDS: [&str; 17] = [
+const COMMANDS: [&str; 18] = [
     "",
     "bake",
     "render",
@@ -36,6 +36,7 @@ const COMMANDS: [&str; 17] = [
     "chart",
     "streaks",
     "streaks fit",
+    "streaks extract",
     "synth cloud",
     "synth town",
     "synth stroke",

@@ -75,7 +75,7 @@ impl Cli {
             Command::Verify(args) => ("verify", args.json()),
             Command::Diff(args) => ("diff", args.json()),
             Command::Chart(_) => ("chart", false),
-            Command::Streaks(command) => ("streaks fit", command.json()),
+            Command::Streaks(command) => (command.name(), command.json()),
             Command::Synth(command) => command.json(),
         };
         json.then_some(name)

@@ -207,12 +207,12 @@ impl Scene {
         Ok(())
     }
 
-    fn cloud_grid(&self) -> Option<&Cloud> {
+    pub(super) fn cloud_grid(&self) -> Option<&Cloud> {
         self.cloud.as_ref().map(SceneCloud::grid)
     }
 
     /// The strokes that the frame lets flash, each with its factor.
-    fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
+    pub(super) fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
         let eye = frame.camera.position;
         let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
@@ -261,19 +261,24 @@ impl Scene {
 }
 
 /// The cloud as one frame marches it.
-struct Clouds<'a> {
-    scene: &'a Scene,
-    frame: &'a Frame,
-    detail: &'a Detail,
+pub(super) struct Clouds<'a> {
+    pub scene: &'a Scene,
+    pub frame: &'a Frame,
+    pub detail: &'a Detail,
 }
 
 impl<'a> Clouds<'a> {
-    fn marched(&self, cells: &'a [Vec4]) -> Option<CloudPicture<'a>> {
+    pub fn marched(&self, cells: &'a [Vec4]) -> Option<CloudPicture<'a>> {
         let cloud = self.scene.cloud.as_ref()?;
         let billow = self.frame.detail;
         let billow = (billow.amplitude > 0.0).then_some(billow.size);
         Some(CloudPicture::new(cloud.grid(), &cloud.shape, cells, self.detail, billow))
     }
+}
+
+/// Share of a cloud's light that comes through the clear air between it and the eye.
+pub(super) fn cloud_air(sky: &Sky, eye: DVec3, distance: f64) -> [f32; 3] {
+    sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance
 }
 
 /// Composites a cloud over the sky behind it, through the clear air in front of it.

@@ -7,6 +7,7 @@
 pub mod boxes;
 pub mod facade;
 pub mod frame;
+mod grain;
 pub mod ground;
 pub mod hills;
 mod lamps;
