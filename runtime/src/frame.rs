@@ -11,6 +11,7 @@ pub use thunder::{SPEED_OF_SOUND, Thunder};
 use crate::camera::{Camera, Projection};
 use crate::clouds::STILL_RAYS;
 use crate::error::RuntimeError;
+use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
@@ -46,6 +47,8 @@ pub struct Frame {
     pub weather: Weather,
     /// Where rain is: its map, what keeps it off.
     pub place: RainPlace,
+    /// Which medium the rain beside its streaks is, and how drops spread light.
+    pub medium: MediumChoice,
     /// How rain is drawn.
     pub streaks: Streaks,
     /// The sky.
@@ -158,6 +161,13 @@ impl Frame {
         self
     }
 
+    /// The same frame with another medium, or drops that spread light another way.
+    #[must_use]
+    pub fn medium(mut self, medium: MediumChoice) -> Self {
+        self.medium = medium;
+        self
+    }
+
     /// The same frame with rain drawn another way.
     #[must_use]
     pub fn streaks(mut self, streaks: Streaks) -> Self {
@@ -206,6 +216,7 @@ impl Frame {
     /// Errors: the first number out of range, by name.
     pub fn check(&self) -> Result<(), RuntimeError> {
         self.camera.check()?;
+        self.medium.check()?;
         for flash in &self.flashes {
             flash.check()?;
         }
@@ -283,6 +294,7 @@ impl From<&ViewSection> for Frame {
             exposure: Seconds(view.camera.exposure_s),
             weather: Weather { volume: volume_of(rain), ..steady },
             place: RainPlace::default(),
+            medium: MediumChoice::default(),
             streaks: Streaks { seed: rain.seed, length_px: rain.streak_px, gain: rain.gain },
             sky: SkyParameters {
                 sun_azimuth: Radians(sky.sun_azimuth_rad),
