@@ -7,6 +7,7 @@ pub mod facts;
 pub mod json;
 pub mod picture;
 pub mod scene;
+pub mod streak_notes;
 pub mod town;
 
 use crate::error::BakeError;

@@ -215,12 +215,17 @@ impl Canvas {
         placed.resize(streaks.len(), K::Placed::default());
         let secants = camera.secants();
         let prepare = |(((radiance, tiles), placed), streak): Prepare<K::Placed>| {
-            let footprint = streak.footprint();
+            let mut footprint = streak.footprint();
             *tiles = NOWHERE;
-            let Some((clip, ready)) = scene.kernel.place(&footprint) else { return };
-            (*tiles, *placed) = (tiles_of(clip, grid), ready);
             let ray = camera.ray_with(&secants, footprint.centre[0], footprint.centre[1]);
             let distance = f64::from(streak.depth) / ray.direction.dot(camera.forward);
+            footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
+            footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
+                let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
+                [light.share, libm::acos(cosine).to_degrees()]
+            });
+            let Some((clip, ready)) = scene.kernel.place(&footprint) else { return };
+            (*tiles, *placed) = (tiles_of(clip, grid), ready);
             *radiance = scene.light.radiance(&ray, distance);
         };
         let out = self.radiance.par_iter_mut().zip(&mut self.boxes).zip(placed);
@@ -369,10 +374,22 @@ fn lay_block(
         alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
     }
     // With a coverage of 0 a pixel stays what it is, infinite or not: whole blocks are safe where there is room.
-    match (pixels.first_chunk_mut::<BLOCK>(), mask.first_chunk_mut::<BLOCK>()) {
-        (Some(pixels), Some(mask)) => {
+    let whole = pixels.as_flattened_mut().first_chunk_mut::<{ 3 * BLOCK }>();
+    match (whole, mask.first_chunk_mut::<BLOCK>()) {
+        (Some(light), Some(mask)) => {
+            // Four pixels of three colours are three registers, whose lanes belong to these pixels and colours.
+            let [r, g, b] = radiance;
+            let [a0, a1, a2, a3] = alpha;
+            let covers = [[a0, a0, a0, a1], [a1, a1, a2, a2], [a2, a3, a3, a3]];
+            let colours = [[r, g, b, r], [g, b, r, g], [b, r, g, b]];
+            let (registers, _) = light.as_chunks_mut::<BLOCK>();
+            for ((light, cover), colour) in registers.iter_mut().zip(covers).zip(colours) {
+                for lane in 0..BLOCK {
+                    light[lane] = light[lane] * (1.0 - cover[lane]) + cover[lane] * colour[lane];
+                }
+            }
             for lane in 0..BLOCK {
-                over(&mut pixels[lane], &mut mask[lane], alpha[lane], radiance);
+                mask[lane] = mask[lane] * (1.0 - alpha[lane]) + alpha[lane];
             }
         }
         _ => {
