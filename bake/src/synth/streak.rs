@@ -97,6 +97,14 @@ pub fn synth_streak(seed: u64, index: usize) -> SynthStreak {
 /// Shortest and longest fall of a drop in a set of one kind, diameters: from its image alone to a long exposure's.
 const FALLS: [f64; 2] = [1.0, 30.0];
 
+/// How far the drop of picture `index` falls, diameters: even in the logarithm over a set's pictures.
+pub fn fall_of(scene: Scene, seed: u64, index: usize) -> f64 {
+    if scene == Scene::Mixed {
+        return plan(seed, index).0.diameters;
+    }
+    FALLS[0] * libm::pow(FALLS[1] / FALLS[0], spread(seed, index)[1])
+}
+
 /// Picture `index` of `seed` in the set `scene`; the same whatever is made beside it. Falls of 1 to 30 diameters, short ones as many
 /// as long ones, so that short exposures and near drops find themselves too.
 pub fn scene_streak(scene: Scene, seed: u64, index: usize) -> SynthStreak {
@@ -106,7 +114,7 @@ pub fn scene_streak(scene: Scene, seed: u64, index: usize) -> SynthStreak {
     let mut random = Random::from_parts(&[seed, index as u64, 0x7363_656E_65, scene as u64]);
     let spread = spread(seed, index);
     let shape = DropShape::new(SMALLEST * libm::pow(LARGEST / SMALLEST, spread[0]), modes(&mut random));
-    let diameters = FALLS[0] * libm::pow(FALLS[1] / FALLS[0], spread[1]);
+    let diameters = fall_of(scene, seed, index);
     let pitch_deg = scene.pitch_deg(&mut random);
     let drop = FallingDrop { shape, diameters, pitch: pitch_deg.to_radians() };
     let light = scene.light(&mut random, [spread[2], spread[3]], pitch_deg);
