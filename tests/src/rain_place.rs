@@ -254,7 +254,7 @@ fn a_picture_that_says_what_it_shows_becomes_a_pattern_that_says_it_and_others_s
     std::fs::write(folder.path().join("broken.png"), mended(broken)).unwrap();
     let file = folder.path().join("recipe.toml");
     std::fs::write(&file, "[rain.streaks]\npictures = [\"broken.png\"]\nmethod = \"separable\"\n").unwrap();
-    let error = bake(&Recipe::read(&file).unwrap(), &Quiet).unwrap_err().to_string();
+    let error = bake(&Recipe::read(&file).unwrap(), &Quiet).err().unwrap().to_string();
     assert!(error.contains("broken.png") && error.contains("light_share from 0 to 1"), "{error}");
 }
 
