@@ -83,6 +83,24 @@ pub enum BakeError {
     /// A light that was to be drawn left no picture.
     #[error("no picture was drawn")]
     NoPicture,
+    /// Frames of a sequence that failed while others were made.
+    #[error("{failed} of {of} frames failed; the first: {first}")]
+    Frames {
+        /// How many.
+        failed: usize,
+        /// Of how many.
+        of: usize,
+        /// What was wrong with the first.
+        first: String,
+    },
+    /// An error that was told before, where more than one thing fails by it.
+    #[error("{words}")]
+    Told {
+        /// Its exit code.
+        exit_code: u8,
+        /// Its words.
+        words: String,
+    },
     /// Ctrl-C or a termination signal.
     #[error("interrupted; nothing was written")]
     Interrupted,
@@ -167,7 +185,9 @@ impl BakeError {
             | Self::Different { .. }
             | Self::NoPicture
             | Self::NotReached { .. }
-            | Self::OverLimit { .. } => 1,
+            | Self::OverLimit { .. }
+            | Self::Frames { .. } => 1,
+            Self::Told { exit_code, .. } => *exit_code,
             Self::Input { .. } | Self::Recipe(_) | Self::Setting { .. } => 3,
             Self::Asset(error) => runtime_exit_code(error),
             Self::Io { source, .. } => io_exit_code(source),

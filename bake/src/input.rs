@@ -3,10 +3,15 @@
 //!
 //! A file is read once, whole, up to a limit that its kind has: what is hashed into provenance is what was used.
 
+pub mod depth;
 pub mod facts;
 pub mod json;
+pub mod light_probe;
+pub mod npy;
 pub mod picture;
+pub mod pose;
 pub mod scene;
+pub mod sequence;
 pub mod streak_notes;
 pub mod town;
 

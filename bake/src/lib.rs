@@ -14,6 +14,7 @@ pub mod error;
 pub mod estimate;
 pub mod evaluate;
 pub mod fields;
+pub mod frames;
 pub mod input;
 pub mod memory;
 pub mod metrics;

@@ -11,7 +11,7 @@ use squall_runtime::tone::Tone;
 use std::io::Write;
 use std::path::Path;
 
-fn encoding_error(error: impl std::error::Error + Send + Sync + 'static) -> std::io::Error {
+pub(crate) fn encoding_error(error: impl std::error::Error + Send + Sync + 'static) -> std::io::Error {
     std::io::Error::other(error)
 }
 
@@ -26,6 +26,34 @@ fn encode_png(picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> std::io:
     writer.finish().map_err(encoding_error)?;
     Ok(out)
 }
+
+/// Values of one channel of [`encode_layers`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum ChannelValues {
+    /// Numbers.
+    Floats(Vec<f32>),
+    /// Names.
+    Names(Vec<u32>),
+}
+
+/// Bytes of an OpenEXR file with these channels, row 0 on top, in 32 bits each; a layer's channels share what stands before their
+/// last dot. Errors: a picture without pixels.
+pub fn encode_layers(
+    size: (usize, usize),
+    channels: Vec<(String, ChannelValues)>,
+) -> std::io::Result<Vec<u8>> {
+    let channels = channels.into_iter().map(|(name, values)| {
+        let samples = match values {
+            ChannelValues::Floats(values) => FlatSamples::F32(values),
+            ChannelValues::Names(values) => FlatSamples::U32(values),
+        };
+        AnyChannel::new(name.as_str(), samples)
+    });
+    write_channels(size, channels.collect())
+}
+
+/// Largest number of a 16-bit float.
+const LARGEST_HALF: f32 = 65_504.0;
 
 fn write_encoded(path: &Path, encoded: std::io::Result<Vec<u8>>) -> Result<(), BakeError> {
     write_atomically(path, |out| out.write_all(&encoded?))
@@ -66,8 +94,29 @@ pub fn write_grey_exr(path: &Path, width: usize, height: usize, values: &[f32]) 
 }
 
 fn encode_channels(size: (usize, usize), channels: Vec<(&str, Vec<f32>)>) -> std::io::Result<Vec<u8>> {
-    let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
-    let channels = AnyChannels::sort(channels.collect());
+    encode_named_channels(size, channels, false)
+}
+
+/// Bytes of an OpenEXR file with these channels, each `width * height` values, row 0 on top; in 16-bit floats, cut to what they hold, or
+/// in 32-bit ones. Errors: a picture without pixels.
+pub fn encode_named_channels(
+    size: (usize, usize),
+    channels: Vec<(&str, Vec<f32>)>,
+    half: bool,
+) -> std::io::Result<Vec<u8>> {
+    let narrow = |value: f32| exr::prelude::f16::from_f32(value.clamp(-LARGEST_HALF, LARGEST_HALF));
+    let channels = channels.into_iter().map(|(name, values)| {
+        let samples = match half {
+            true => FlatSamples::F16(values.into_iter().map(narrow).collect()),
+            false => FlatSamples::F32(values),
+        };
+        AnyChannel::new(name, samples)
+    });
+    write_channels(size, channels.collect())
+}
+
+fn write_channels(size: (usize, usize), channels: Vec<AnyChannel<FlatSamples>>) -> std::io::Result<Vec<u8>> {
+    let channels = AnyChannels::sort(channels.into_iter().collect());
     let encoding = Encoding {
         compression: Compression::ZIP16,
         blocks: Blocks::ScanLines,

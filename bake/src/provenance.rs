@@ -35,7 +35,8 @@ pub fn input_records(recipe: &Recipe) -> Result<Vec<InputRecord>, BakeError> {
     named.map(|path| Ok(input_record(recipe, &fingerprint(path)?))).collect()
 }
 
-fn fingerprint(path: &Path) -> Result<Fingerprint, BakeError> {
+/// A file's length and hash, without keeping its bytes. Errors: a file that cannot be read, a folder, a pipe or a device.
+pub fn fingerprint(path: &Path) -> Result<Fingerprint, BakeError> {
     let mut file = File::open(path).map_err(BakeError::io(path, "open"))?;
     if !file.metadata().map_err(BakeError::io(path, "read"))?.is_file() {
         return Err(BakeError::input(

@@ -11,6 +11,7 @@
 //! The four that fit window and terms together never fit worse with more terms: [`joint`].
 //! Every figure is measured on the rounded numbers that an asset stores.
 
+pub mod extract;
 pub mod fourier;
 pub mod joint;
 pub mod preview;

@@ -22,10 +22,11 @@ fn same(name: &str, text: &str) {
     assert!(text == wanted, "{} differs; SQUALL_UPDATE=1 writes it anew. Now:\n{text}", path.display());
 }
 
-const COMMANDS: [&str; 16] = [
+const COMMANDS: [&str; 18] = [
     "",
     "bake",
     "render",
+    "rain",
     "relight",
     "solve",
     "query",
@@ -35,6 +36,7 @@ const COMMANDS: [&str; 16] = [
     "chart",
     "streaks",
     "streaks fit",
+    "streaks extract",
     "synth cloud",
     "synth town",
     "synth stroke",

@@ -231,6 +231,8 @@ fn render_and_relight_answer_what_was_drawn() {
         ("lights_live", Maybe(&Number)),
         ("sources", Maybe(&Number)),
         ("streaks", Maybe(&Number)),
+        ("kept", Number),
+        ("flashes", Maybe(&List)),
         ("seconds", Number),
     ];
     let frame = answer(&place, 0, &["render", "r.squall", "-o", "p.png", "--json"]);

@@ -1,8 +1,12 @@
 //! What a picture is to show: camera, weather, sky, flashes. Nothing of it is worked out before it is rendered.
 
+mod curve;
 mod flash;
+mod thunder;
 
+pub use curve::{FIRST_STROKE_S, FlashCurve, ReturnStroke};
 pub use flash::{Flash, FlashStroke};
+pub use thunder::{SPEED_OF_SOUND, Thunder};
 
 use crate::camera::{Camera, Projection};
 use crate::clouds::STILL_RAYS;

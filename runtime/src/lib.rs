@@ -61,12 +61,14 @@ pub mod density;
 pub mod depth;
 pub mod error;
 pub mod frame;
+pub mod frame_rain;
 #[doc(hidden)]
 pub mod in_scattered;
 pub mod load;
 pub mod medium;
 #[doc(hidden)]
 pub mod noise;
+mod octahedron;
 pub mod picture;
 pub mod place;
 pub mod rain;

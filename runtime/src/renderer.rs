@@ -2,11 +2,15 @@
 
 mod channel;
 mod draw;
+mod layers;
 mod light;
 mod lit_stroke;
 mod rain;
 mod town;
+mod town_rain;
 mod world;
+
+pub use layers::{Layer, LayerPixels};
 
 use crate::camera::Camera;
 use crate::clouds::{Clouds, SunSource};

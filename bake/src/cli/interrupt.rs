@@ -36,7 +36,10 @@ pub fn say(note: Option<String>) {
     if SAID.swap(true, Ordering::Relaxed) {
         return;
     }
-    let mut words = format!("squall: {}\n", BakeError::Interrupted);
+    let mut words = match pending::has_written() {
+        true => "squall: interrupted; what is whole stays\n".to_owned(),
+        false => format!("squall: {}\n", BakeError::Interrupted),
+    };
     if let Some(note) = note {
         words = format!("note: {note}\n{words}");
     }

@@ -20,6 +20,7 @@ mod limits;
 mod picture;
 pub mod progress;
 mod query;
+mod rain;
 mod relight;
 mod render;
 mod solve;
@@ -43,6 +44,7 @@ pub struct Cli {
 enum Command {
     Bake(bake::Args),
     Render(render::Args),
+    Rain(Box<rain::Args>),
     Relight(relight::Args),
     Solve(solve::Args),
     Query(query::Args),
@@ -64,6 +66,7 @@ impl Cli {
         let (name, json) = match &self.command {
             Command::Bake(args) => ("bake", args.json()),
             Command::Render(args) => ("render", args.json()),
+            Command::Rain(args) => ("rain", args.json()),
             Command::Relight(args) => ("relight", args.json()),
             Command::Solve(args) => ("solve", args.json()),
             Command::Query(args) => ("query", args.json()),
@@ -71,7 +74,7 @@ impl Cli {
             Command::Verify(args) => ("verify", args.json()),
             Command::Diff(args) => ("diff", args.json()),
             Command::Chart(_) => ("chart", false),
-            Command::Streaks(command) => ("streaks fit", command.json()),
+            Command::Streaks(command) => (command.name(), command.json()),
             Command::Synth(command) => command.json(),
         };
         json.then_some(name)
@@ -83,6 +86,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Bake(args) => bake::run(args),
         Command::Render(args) => render::run(args),
+        Command::Rain(args) => rain::run(*args),
         Command::Relight(args) => relight::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),

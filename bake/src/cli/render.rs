@@ -1,21 +1,32 @@
-//! `squall render ASSET -o PICTURE`
+//! `squall render ASSET -o PICTURE`, or of many frames: `--frames A..B --fps F -o NAME.####.png`
+
+mod flashes;
+mod layers;
+mod sequence;
+
 use super::asset;
 use super::common::Common;
 use super::folder;
 use super::json;
 use super::picture::{Format, PictureFile, Sheet};
+use super::progress::Bars;
+use flashes::Timeline;
+use sequence::Sequence;
 use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::input::scene::read_camera;
+use squall_bake::output::Output;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
-use squall_formats::units::MillimetresPerHour;
+use squall_formats::units::{MillimetresPerHour, Seconds};
 use squall_runtime::frame::tone_of;
 use squall_runtime::picture::Picture;
-use squall_runtime::renderer::FrameReport;
+use squall_runtime::renderer::{FrameReport, Layer};
+use squall_runtime::tone::Tone;
 use squall_runtime::{Camera, Frame, RuntimeError, StormRenderer};
+use std::io::Write;
 use std::path::PathBuf;
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
@@ -57,6 +68,33 @@ pub struct Args {
     /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down.
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
     contact_sheet: bool,
+    /// Time that the shutter is open, ms; the view's if left out.
+    #[arg(long, value_name = "T")]
+    exposure_ms: Option<f64>,
+    /// Frames A to B − 1 of a sequence: frame k is k / F seconds after the view's time, and its flashes are curves in time.
+    #[arg(long, value_name = "A..B", value_parser = sequence::range, requires = "fps", conflicts_with_all = ["contact_sheet", "format"])]
+    frames: Option<sequence::Range>,
+    /// Frames a second.
+    #[arg(long, value_name = "F", value_parser = rate, requires = "frames")]
+    fps: Option<f64>,
+    /// One animated PNG of all frames; a name that ends in .apng says the same.
+    #[arg(long, requires = "frames")]
+    apng: bool,
+    /// Keep frames that are there, whole, and draw the others.
+    #[arg(long, requires = "frames")]
+    resume: bool,
+    /// Keys of flashes in place of the view's (JSON): docs/sequences.md.
+    #[arg(long = "flashes", value_name = "KEYS", requires = "frames", conflicts_with = "flashes")]
+    keys: Option<PathBuf>,
+    /// Seed of the view's flash.
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "frames")]
+    flash_seed: u64,
+    /// When its first return stroke begins, s after frame 0.
+    #[arg(long, value_name = "S", default_value_t = 0.1, requires = "frames")]
+    flash_at: f64,
+    /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
+    #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
+    layers: Vec<Layer>,
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
@@ -65,6 +103,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// Whether the frames of a sequence go into one picture.
+    fn animated(&self) -> bool {
+        self.apng || self.out.extension().is_some_and(|end| end == "apng")
+    }
+
     /// Whether the answer is to be JSON.
     pub fn json(&self) -> bool {
         self.json
@@ -77,14 +120,23 @@ fn stops(text: &str) -> Result<f32, String> {
     if value.abs() <= 64.0 { Ok(value) } else { Err(wanted.into()) }
 }
 
+fn rate(text: &str) -> Result<f64, String> {
+    let found = text.parse::<f64>().ok().filter(|rate| *rate > 0.0 && *rate <= 1e6);
+    found.ok_or_else(|| "wanted frames a second above 0".into())
+}
+
 /// Rainfall intensities of a contact sheet, mm/h.
 const SHEET_RATES: [f64; 4] = [0.0, 2.0, 25.0, 75.0];
 
 pub fn run(args: Args) -> anyhow::Result<()> {
     json::check_stdout(args.json, &[&args.out]);
     let start = std::time::Instant::now();
-    let out = PictureFile::prepare(&args.out, args.format)?;
-    folder::check_apart(&[&args.out], std::iter::once(&args.asset).chain(&args.scene).chain(&args.camera))?;
+    let out = match args.frames {
+        Some(_) => None,
+        None => Some(PictureFile::prepare(&args.out, args.format)?),
+    };
+    let inputs = std::iter::once(&args.asset).chain(&args.scene).chain(&args.camera).chain(&args.keys);
+    folder::check_apart(&[&args.out], inputs)?;
     let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
     let camera = args.camera.as_deref().map(read_camera).transpose()?;
     let camera = camera.map(|(_, camera)| camera);
@@ -95,8 +147,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         frame.camera = camera.resized(view.camera.size_px)?;
     }
     frame.quality.town.samples = args.samples;
+    if let Some(milliseconds) = args.exposure_ms {
+        frame.exposure = Seconds(milliseconds * 1e-3);
+        frame.check()?;
+    }
     let tone = tone_of(&view.tone).brighter(args.stops);
     let bars = args.common.start()?;
+    let Some(out) = out else {
+        return draw_frames(&args, &mut renderer, (&frame, &view), &tone, (&bars, start));
+    };
     if args.contact_sheet {
         bars.begin("pictures", 2 * SHEET_RATES.len() as u64);
         let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
@@ -112,18 +171,88 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         out.write(sheet.picture(), &tone)?;
         let seconds = start.elapsed().as_secs_f64();
         bars.say(&format!("{}: 8 pictures, {seconds:.2} s", out.name()));
-        return answer(&args, sheet.picture(), None, seconds);
+        return answer(&args, sheet.picture(), None, (&Value::Null, seconds));
     }
     bars.begin("picture", 1);
     renderer.render(&frame)?;
-    out.write(renderer.picture(), &tone)?;
+    if args.layers.is_empty() {
+        out.write(renderer.picture(), &tone)?;
+    } else {
+        write_layers(&args, &renderer, &frame)?;
+    }
     let (report, seconds) = (renderer.report(), start.elapsed().as_secs_f64());
     bars.say(&out.words(renderer.picture(), &report, seconds));
-    answer(&args, renderer.picture(), Some(&report), seconds)
+    let heard = view.flashes.iter().map(|flash| {
+        let thunder = flashes::thunder(&renderer, &flash.stroke, frame.camera.position)?;
+        Ok(json!({ "stroke": flash.stroke, "span_s": null, "return_strokes": [], "thunder": thunder }))
+    });
+    let heard = heard.collect::<Result<Vec<_>, RuntimeError>>()?;
+    answer(&args, renderer.picture(), Some(&report), (&heard.into(), seconds))
+}
+
+/// Writes one picture's layers. Errors: a name that does not end in .exr; as [`Output::write`].
+fn write_layers(args: &Args, renderer: &StormRenderer, frame: &Frame) -> anyhow::Result<()> {
+    if args.out.extension().is_none_or(|end| end != "exr") {
+        let wanted = "a name that ends in .exr, which holds layers";
+        return Err(BakeError::input(&args.out, "output", wanted, args.out.display()).into());
+    }
+    let bytes = layers::encode(renderer, frame, &args.layers)?;
+    Ok(Output::prepare(&args.out)?.write(|out| out.write_all(&bytes))?)
+}
+
+/// Draws the frames of a sequence.
+fn draw_frames(
+    args: &Args,
+    renderer: &mut StormRenderer,
+    (frame, view): (&Frame, &ViewSection),
+    tone: &Tone,
+    (bars, start): (&Bars, std::time::Instant),
+) -> anyhow::Result<()> {
+    let (Some(range), Some(fps)) = (args.frames, args.fps) else { return Ok(()) };
+    let timeline = match &args.keys {
+        Some(path) => Timeline::read(path, renderer.strokes())?,
+        None => Timeline::natural(&view.flashes, args.flash_seed, args.flash_at),
+    };
+    let (animated, layers) = (args.animated(), args.layers.as_slice());
+    if animated && !layers.is_empty() {
+        json::usage("--layers go into .exr files, not into an animated picture");
+    }
+    let sequence = Sequence { range, fps, animated, resume: args.resume, out: &args.out, layers };
+    let made = sequence.run(renderer, frame, (&timeline, tone), bars)?;
+    let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
+    let kept = if made.kept > 0 { format!(" ({} kept)", made.kept) } else { String::new() };
+    bars.say(&format!(
+        "{}: {count} frames{kept}, {} streaks, {seconds:.2} s",
+        args.out.display(),
+        made.streaks
+    ));
+    if !args.json {
+        return Ok(());
+    }
+    json::answer(&json!({
+        "command": "render",
+        "tool": tool(),
+        "asset": args.asset.to_string_lossy(),
+        "picture": args.out.to_string_lossy(),
+        "size_px": [frame.camera.width, frame.camera.height],
+        "frames": count,
+        "kept": made.kept,
+        "lights": null,
+        "lights_live": null,
+        "sources": null,
+        "streaks": made.streaks,
+        "flashes": timeline.data(renderer, frame.camera.position)?,
+        "seconds": seconds,
+    }))
 }
 
 /// Says in JSON, where that was asked for, what was drawn: one frame with its report, or a sheet of several.
-fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds: f64) -> anyhow::Result<()> {
+fn answer(
+    args: &Args,
+    picture: &Picture,
+    report: Option<&FrameReport>,
+    (flashes, seconds): (&Value, f64),
+) -> anyhow::Result<()> {
     if !args.json {
         return Ok(());
     }
@@ -139,6 +268,8 @@ fn answer(args: &Args, picture: &Picture, report: Option<&FrameReport>, seconds:
         "lights_live": count(|report| report.lights_live),
         "sources": count(|report| report.sources),
         "streaks": count(|report| report.streaks),
+        "kept": 0,
+        "flashes": flashes,
         "seconds": seconds,
     }))
 }

@@ -1,4 +1,6 @@
-//! `squall streaks fit PICTURE… [--method M] [--cosines N] [--json] [--preview PICTURE]`
+//! `squall streaks fit PICTURE… [--method M] [--cosines N] [--json] [--preview PICTURE]` and `squall streaks extract FRAME… -o DIR`
+
+mod extract;
 
 use squall_bake::input::picture::{grey_of, picture_file};
 use squall_bake::output;
@@ -10,6 +12,8 @@ use std::path::PathBuf;
 pub enum Command {
     /// Fits pictures of streaks, each as a pattern of an asset, and reports how close each comes.
     Fit(Fit),
+    /// Cuts streaks out of footage of rain, as pictures that `[rain.streaks] pictures` and `streaks fit` read.
+    Extract(extract::Args),
 }
 
 /// `squall streaks fit`
@@ -37,10 +41,19 @@ pub struct Fit {
 }
 
 impl Command {
+    /// Its name in words.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Fit(_) => "streaks fit",
+            Self::Extract(_) => "streaks extract",
+        }
+    }
+
     /// Whether the answer is to be JSON.
     pub fn json(&self) -> bool {
         match self {
             Self::Fit(args) => args.json,
+            Self::Extract(args) => args.json(),
         }
     }
 }
@@ -54,6 +67,7 @@ fn method(name: &str) -> Result<Method, String> {
 pub fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Fit(args) => fit(&args),
+        Command::Extract(args) => extract::run(&args),
     }
 }
 

@@ -4,11 +4,13 @@
 //! colour that alpha was multiplied into already, which is taken as it is. Sizes are checked before anything is
 //! allocated, and every sample is checked before it is used.
 
+pub mod frame;
 mod layer;
 mod transfer;
 
 use super::{Input, MAX_PICTURE_BYTES};
 use crate::error::BakeError;
+pub use layer::exr_channel;
 use squall_runtime::picture::Picture;
 use std::io::Cursor;
 use std::path::Path;
@@ -108,6 +110,16 @@ pub fn rgb_of(input: &Input, layer: Option<&str>) -> Result<Taken<Picture>, Bake
         return layer::read_exr(input, layer);
     }
     Err(BakeError::input(path, "format", "a PNG or OpenEXR picture", input.kind()))
+}
+
+/// Whether a file is a PNG by its first bytes.
+pub fn is_png(input: &Input) -> bool {
+    input.bytes.starts_with(&PNG_SIGNATURE)
+}
+
+/// Whether a file is an OpenEXR picture by its first bytes.
+pub fn is_exr(input: &Input) -> bool {
+    input.bytes.starts_with(&EXR_SIGNATURE)
 }
 
 fn check_size(path: &Path, width: u64, height: u64) -> Result<(), BakeError> {

@@ -3,6 +3,7 @@
 //! Files are made, renamed and forgotten under one lock. [`discard`] takes the lock for good, so that nothing new appears behind it.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -65,6 +66,19 @@ pub fn forget_folder(folders: &[PathBuf], results: &[PathBuf]) {
     let mut pending = lock();
     pending.folders.retain(|path| !folders.contains(path));
     pending.files.retain(|path| !results.contains(path));
+}
+
+/// Whether results that are whole stay although the work is not at its end: frames of a sequence.
+static WRITTEN: AtomicBool = AtomicBool::new(false);
+
+/// Takes note that a result is whole and stays, whatever comes.
+pub fn note_written() {
+    WRITTEN.store(true, Ordering::Relaxed);
+}
+
+/// Whether [`note_written`] was called.
+pub fn has_written() -> bool {
+    WRITTEN.load(Ordering::Relaxed)
 }
 
 /// A sentence that whoever interrupts should read: what is left on purpose.

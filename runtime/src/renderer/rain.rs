@@ -38,6 +38,8 @@ pub struct Task<'a> {
     pub has_depth: bool,
     /// What shines on the rain from afar.
     pub world: &'a WorldLight,
+    /// What a drop shows of that and of the flashes.
+    pub drops: &'a InScattering,
 }
 
 /// Where an asset's rain is.
@@ -55,7 +57,7 @@ impl Place {
     }
 
     /// The frame's rain, as its camera sees it.
-    fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
+    pub fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
         let (weather, place) = (&frame.weather, &frame.place);
         let field = RainField::from(weather.volume).with_farthest(place.farthest.or(self.farthest));
         let map = match &place.map {
@@ -71,8 +73,8 @@ impl Place {
 const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
-struct DropLight {
-    world: InScattering,
+struct DropLight<'a> {
+    world: &'a InScattering,
     lamps: Vec<(DVec3, [f32; 3])>,
     /// Mean radiance around, and how many times a flash counts when drops pick patterns.
     around: f64,
@@ -83,7 +85,7 @@ fn mean(light: &[f32; 3]) -> f64 {
     light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0
 }
 
-impl RainLight for DropLight {
+impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
@@ -119,7 +121,7 @@ impl RainLight for DropLight {
 pub struct RainMedium<'a> {
     medium: Option<Medium>,
     field: RainField<'a>,
-    light: DropLight,
+    light: DropLight<'a>,
 }
 
 impl RainMedium<'_> {
@@ -163,21 +165,29 @@ fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>,
     DepthBuffer::new(metres, picture.width, picture.height, DepthKind::Range)
 }
 
+/// The flashes at the eye, as one distant light.
+fn flash_at(flashes: &[LitStroke], eye: DVec3) -> Beam {
+    let (irradiance, direction) = irradiance_at(flashes, eye);
+    Beam { towards: -direction, irradiance }
+}
+
+/// What drops show of the world and of the flashes.
+pub fn drops_in(world: &WorldLight, flashes: &[LitStroke], eye: DVec3) -> InScattering {
+    let phase = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
+    world.in_scattering(&phase).with_beam(flash_at(flashes, eye))
+}
+
 /// Composites the frame's medium over the picture.
 pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>, RuntimeError> {
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
     let field = task.place.field(task.frame);
-    let (irradiance, direction) = irradiance_at(task.flashes, camera.position);
-    let flash = Beam { towards: -direction, irradiance };
-    let drops = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
-    let world = task.world.in_scattering(&drops).with_beam(flash);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
     let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
     let brightness: f64 = task.frame.flashes.iter().map(|flash| flash.brightness).sum();
     let lightning_bias = 1.0 + task.frame.streaks.lightning_bias * brightness;
     let around = mean(&task.world.mean_radiance());
-    let light = DropLight { world, lamps, around, lightning_bias };
+    let light = DropLight { world: task.drops, lamps, around, lightning_bias };
     if weather.rate.0 == 0.0 {
         return Ok(RainMedium { medium: None, field, light });
     }
@@ -189,11 +199,14 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
     let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
-    let own = match *medium.phase() == drops {
-        true => light.world.clone(),
-        false => medium.in_scattering(task.world).with_beam(flash),
+    let own;
+    let light_of_medium = if medium.phase() == task.drops.phase() {
+        task.drops
+    } else {
+        own = medium.in_scattering(task.world).with_beam(flash_at(task.flashes, camera.position));
+        &own
     };
-    let outlook = Outlook { camera, volume: field, light: &own, depth };
+    let outlook = Outlook { camera, volume: field, light: light_of_medium, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;

@@ -179,3 +179,63 @@ pub(super) fn read_exr(input: &Input, asked: Option<&str>) -> Result<Taken<Pictu
     };
     Ok(Taken { picture, how, assumed })
 }
+
+/// One channel of an EXR, by the name that `choose` picks among those of the first part that has one: columns, rows and values, which
+/// may be infinite or no number.
+///
+/// Errors: damaged or cut short, deep or subsampled, more than [`super::MAX_PIXELS`], no channel that `choose` takes.
+pub fn exr_channel(
+    input: &Input,
+    choose: impl Fn(&[String]) -> Option<String>,
+) -> Result<(usize, usize, Vec<f32>), BakeError> {
+    let path = input.path.as_path();
+    let damaged =
+        |error: exr::error::Error| BakeError::input(path, "EXR", "a whole, undamaged picture", error);
+    let chunks = exr::block::read(Cursor::new(input.bytes.as_slice()), false).map_err(damaged)?;
+    let names = |header: &Header| -> Vec<String> {
+        header.channels.list.iter().map(|channel| channel.name.to_string()).collect()
+    };
+    let flat = chunks.headers().iter().filter(|header| !header.deep);
+    let found = flat.filter_map(|header| Some((header, choose(&names(header))?))).next();
+    let Some((header, channel)) = found else {
+        let found = chunks.headers().iter().flat_map(names).collect::<Vec<_>>().join(", ");
+        return Err(BakeError::input(path, "EXR", "a flat part with a channel Z", found));
+    };
+    let (width, height) = (header.layer_size.0, header.layer_size.1);
+    check_size(path, width as u64, height as u64)?;
+    let sampled = header.channels.list.iter().find(|found| found.name.to_string() == channel);
+    if sampled.is_some_and(|channel| channel.sampling != exr::math::Vec2(1, 1)) {
+        return Err(BakeError::input(path, "EXR", "every channel at full resolution", "subsampled channels"));
+    }
+    let name = header.own_attributes.layer_name.as_ref().map(ToString::to_string);
+    let read = exr::prelude::read().no_deep_data().largest_resolution_level();
+    let channels = read.specific_channels().required(channel.as_str()).collect_pixels(
+        move |_, _| vec![0.0f32; width * height],
+        move |pixels, at: exr::math::Vec2<usize>, (value,): (f32,)| pixels[at.1 * width + at.0] = value,
+    );
+    let part = OfPart { channels, name, wanted: vec![channel] }.first_valid_layer().all_attributes();
+    let values = part.from_chunks(chunks).map_err(damaged)?.layer_data.channel_data.pixels;
+    Ok((width, height, values))
+}
+
+/// Whether every colour channel of a picture's layer is stored in 16-bit floats, and the name of its alpha channel, if it has one.
+///
+/// Errors: as [`read_exr`].
+pub(super) fn exr_storage(input: &Input) -> Result<(bool, Option<String>), BakeError> {
+    let path = input.path.as_path();
+    let damaged =
+        |error: exr::error::Error| BakeError::input(path, "EXR", "a whole, undamaged picture", error);
+    let chunks = exr::block::read(Cursor::new(input.bytes.as_slice()), false).map_err(damaged)?;
+    let (layer, _) = choose(path, chunks.headers(), None)?;
+    let list = &chunks.headers()[layer.part].channels.list;
+    let of_layer = |channel: &&exr::meta::attribute::ChannelDescription| {
+        layer.channels.contains(&channel.name.to_string())
+    };
+    let half = list
+        .iter()
+        .filter(of_layer)
+        .all(|channel| channel.sample_type == exr::meta::attribute::SampleType::F16);
+    let alpha = if layer.prefix.is_empty() { "A".to_owned() } else { format!("{}.A", layer.prefix) };
+    let has_alpha = list.iter().any(|channel| channel.name.to_string() == alpha);
+    Ok((half, has_alpha.then_some(alpha)))
+}

@@ -20,6 +20,11 @@ pub enum Transfer {
     HybridLog,
 }
 
+/// The factor of the cameras' curve and the light up to which it is a line, to the digits at which the two pieces meet (BT.2020);
+/// BT.709 prints 1.099 and .018, which leave a step that two samples share.
+const VIDEO_SCALE: f64 = 1.099_296_826_809_44;
+const VIDEO_LINEAR: f64 = 0.018_053_968_510_807;
+
 /// A transfer curve, and what says so.
 pub struct Curve {
     /// The curve.
@@ -42,8 +47,8 @@ impl Transfer {
             Self::Linear => sample,
             Self::Srgb => srgb_to_linear(sample),
             Self::Power(exponent) => libm::pow(sample, exponent),
-            Self::Video if sample < 0.081 => sample / 4.5,
-            Self::Video => libm::pow((sample + 0.099) / 1.099, 1.0 / 0.45),
+            Self::Video if sample < 4.5 * VIDEO_LINEAR => sample / 4.5,
+            Self::Video => libm::pow((sample + VIDEO_SCALE - 1.0) / VIDEO_SCALE, 1.0 / 0.45),
             Self::Perceptual => {
                 let (m1, m2) = (2610.0 / 16_384.0, 2523.0 / 32.0);
                 let (c1, c2, c3) = (3424.0 / 4096.0, 2413.0 / 128.0, 2392.0 / 128.0);
@@ -54,6 +59,30 @@ impl Transfer {
             Self::HybridLog => {
                 let (a, b, c) = (0.178_832_77, 0.284_668_92, 0.559_910_73);
                 (libm::exp((sample - c) / a) + b) / 12.0
+            }
+        }
+    }
+
+    /// The sample of a light, the inverse of [`Transfer::light`]; light outside [0, 1] is cut.
+    pub fn sample(self, light: f64) -> f64 {
+        let light = light.clamp(0.0, 1.0);
+        match self {
+            Self::Linear => light,
+            Self::Srgb if light <= 0.040_45 / 12.92 => light * 12.92,
+            Self::Srgb => 1.055 * libm::pow(light, 1.0 / 2.4) - 0.055,
+            Self::Power(exponent) => libm::pow(light, 1.0 / exponent),
+            Self::Video if light < VIDEO_LINEAR => light * 4.5,
+            Self::Video => VIDEO_SCALE * libm::pow(light, 0.45) - (VIDEO_SCALE - 1.0),
+            Self::Perceptual => {
+                let (m1, m2) = (2610.0 / 16_384.0, 2523.0 / 32.0);
+                let (c1, c2, c3) = (3424.0 / 4096.0, 2413.0 / 128.0, 2392.0 / 128.0);
+                let root = libm::pow(light, m1);
+                libm::pow((c1 + c2 * root) / (1.0 + c3 * root), m2)
+            }
+            Self::HybridLog if light <= 1.0 / 12.0 => (3.0 * light).sqrt(),
+            Self::HybridLog => {
+                let (a, b, c) = (0.178_832_77, 0.284_668_92, 0.559_910_73);
+                a * libm::log(12.0 * light - b) + c
             }
         }
     }
@@ -71,6 +100,24 @@ impl Transfer {
 }
 
 impl Curve {
+    /// The curve of a frame: as [`Curve::of`], but samples that no chunk speaks of are sRGB, as the PNG specification has it.
+    ///
+    /// Errors: as [`Curve::of`].
+    pub fn of_frame(path: &Path, info: &png::Info<'_>) -> Result<Self, BakeError> {
+        let silent = info.coding_independent_code_points.is_none()
+            && info.icc_profile.is_none()
+            && info.srgb.is_none()
+            && info.gama_chunk.is_none();
+        if !silent {
+            return Self::of(path, info);
+        }
+        Ok(Self {
+            curve: Transfer::Srgb,
+            how: "sRGB (assumed: no chunk says otherwise)".into(),
+            assumed: true,
+        })
+    }
+
     /// The curve of a PNG: cICP before iCCP before sRGB before gAMA; without any, samples are light.
     ///
     /// Errors: a cICP chunk with a curve that is not known here, or with narrow range; a gamma of 0.
@@ -142,6 +189,11 @@ mod tests {
             Transfer::HybridLog,
         ] {
             assert!(curve.light(0.0).abs() < DIGITS && (curve.light(1.0) - 1.0).abs() < DIGITS, "{curve:?}");
+            for step in 0..=1000 {
+                let sample = f64::from(step) / 1000.0;
+                let back = curve.sample(curve.light(sample));
+                assert!((back - sample).abs() < DIGITS, "{curve:?}: {sample} came back as {back}");
+            }
             let rises =
                 (0..100).all(|i| curve.light(f64::from(i + 1) / 100.0) > curve.light(f64::from(i) / 100.0));
             assert!(rises, "{curve:?}");
