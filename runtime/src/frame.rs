@@ -70,12 +70,15 @@ pub struct Streaks {
     pub length_px: [f64; 2],
     /// Factor on what drops cover; 1 is physical.
     pub gain: f64,
+    /// k_c of \[toyshop\]'s lightning bias 1 + k_c L, L the flashes' brightness in sum: how many times a flash counts when drops pick
+    /// patterns by what lights them. 0 is physical.
+    pub lightning_bias: f64,
 }
 
 impl Default for Streaks {
     fn default() -> Self {
         let ViewRain { seed, streak_px, gain, .. } = ViewRain::default();
-        Self { seed, length_px: streak_px, gain }
+        Self { seed, length_px: streak_px, gain, lightning_bias: 0.0 }
     }
 }
 
@@ -220,6 +223,10 @@ impl Frame {
         for flash in &self.flashes {
             flash.check()?;
         }
+        let bias = self.streaks.lightning_bias;
+        if !(0.0..=1e6).contains(&bias) {
+            return Err(RuntimeError::argument("streaks.lightning_bias", "0 to 1e6", bias));
+        }
         let numbers = ViewSection {
             camera: ViewCamera { exposure_s: self.exposure.0, ..ViewCamera::default() },
             rain: self.view_rain(),
@@ -296,7 +303,12 @@ impl From<&ViewSection> for Frame {
             weather: Weather { volume: volume_of(rain), ..steady },
             place: RainPlace::default(),
             medium: MediumChoice::from(&view.medium),
-            streaks: Streaks { seed: rain.seed, length_px: rain.streak_px, gain: rain.gain },
+            streaks: Streaks {
+                seed: rain.seed,
+                length_px: rain.streak_px,
+                gain: rain.gain,
+                lightning_bias: 0.0,
+            },
             sky: SkyParameters {
                 sun_azimuth: Radians(sky.sun_azimuth_rad),
                 sun_elevation: Radians(sky.sun_elevation_rad),

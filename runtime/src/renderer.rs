@@ -178,6 +178,7 @@ impl StormRenderer {
             false => None,
         };
         let patterns = StreakSet::new(&patterns);
+        let rain_place = rain_place.measured_from(place.origin);
         let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
         let memory = Memory {
             clouds,

@@ -11,6 +11,7 @@ use super::folder;
 use super::json;
 use super::picture::{Format, PictureFile, Sheet};
 use super::progress::Bars;
+use super::sky::SkyArgs;
 use flashes::Timeline;
 use sequence::Sequence;
 use serde_json::{Value, json};
@@ -63,6 +64,8 @@ pub struct Args {
     /// Stops to brighten (or, negative, darken) a .png by.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = stops)]
     stops: f32,
+    #[command(flatten)]
+    sky: SkyArgs,
     /// Samples along each side of a pixel of the town.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: u32,
@@ -293,6 +296,7 @@ fn view_of(args: &Args, camera: Option<&Camera>, renderer: &StormRenderer) -> an
             return Err(BakeError::input(&args.asset, "view", wanted, "none of them").into());
         }
     };
+    args.sky.apply(&mut view.sky);
     if let Some(rate) = args.rate {
         view.rain.rate_mm_per_h = rate;
     }

@@ -12,8 +12,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot, SmoothWindow,
-    Workspace,
+    Covers, MainLight, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot,
+    SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -56,6 +56,11 @@ impl Place {
         Ok(Self { map, farthest: section.farthest_m.map(Metres) })
     }
 
+    /// The same measured from another point.
+    pub fn measured_from(self, point: DVec3) -> Self {
+        Self { map: self.map.map(|map| Arc::new(map.measured_from(point))), ..self }
+    }
+
     /// The frame's rain, as its camera sees it.
     pub fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
         let (weather, place) = (&frame.weather, &frame.place);
@@ -76,6 +81,13 @@ const LAMP_REACH_M: f64 = 60.0;
 struct DropLight<'a> {
     world: &'a InScattering,
     lamps: Vec<(DVec3, [f32; 3])>,
+    /// Mean radiance around, and how many times a flash counts when drops pick patterns.
+    around: f64,
+    lightning_bias: f64,
+}
+
+fn mean(light: &[f32; 3]) -> f64 {
+    light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0
 }
 
 impl RainLight for DropLight<'_> {
@@ -92,6 +104,21 @@ impl RainLight for DropLight<'_> {
             }
         }
         light
+    }
+
+    fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
+        let drop = ray.origin + ray.direction * distance;
+        // The flash's beam is the last; the sun's stands before it.
+        let beams = self.world.beams().iter().rev().enumerate();
+        let beams = beams.map(|(at, beam)| {
+            (beam.towards, mean(&beam.irradiance) * if at == 0 { self.lightning_bias } else { 1.0 })
+        });
+        let lamps = self.lamps.iter().map(|(lamp, intensity)| {
+            let way = *lamp - drop;
+            (way.normalize_or_zero(), mean(intensity) / way.length_squared().max(0.01))
+        });
+        let (towards, irradiance) = beams.chain(lamps).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        MainLight::new(towards, irradiance, self.around)
     }
 }
 
@@ -161,7 +188,10 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
     let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
-    let light = DropLight { world: task.drops, lamps };
+    let brightness: f64 = task.frame.flashes.iter().map(|flash| flash.brightness).sum();
+    let lightning_bias = 1.0 + task.frame.streaks.lightning_bias * brightness;
+    let around = mean(&task.world.mean_radiance());
+    let light = DropLight { world: task.drops, lamps, around, lightning_bias };
     if weather.rate.0 == 0.0 {
         return Ok(RainMedium { medium: None, field, light });
     }
