@@ -67,13 +67,13 @@ impl Medium {
         if let Some(depth) = depth {
             depth.check_size(width, height)?;
         }
-        let veil = Veil::new(self, outlook);
+        let band_medium = BandMedium::new(self, outlook);
         let bands = picture.pixels.par_chunks_mut(width * STEP * BAND);
         let bands = bands.zip(transmittance.par_chunks_mut(width * STEP * BAND));
         bands.enumerate().for_each(|(number, (pixels, left))| {
             in_registers(
                 #[inline(always)]
-                || veil.band(number * STEP * BAND, pixels, left),
+                || band_medium.band(number * STEP * BAND, pixels, left),
             );
         });
         Ok(depth.as_ref().map_or(0, DepthBuffer::holes))
@@ -95,7 +95,7 @@ fn in_registers(work: impl FnOnce()) {
 }
 
 /// A medium before one camera, its numbers in single precision.
-struct Veil<'a, V> {
+struct BandMedium<'a, V> {
     medium: &'a Medium,
     camera: &'a Camera,
     volume: &'a V,
@@ -125,7 +125,7 @@ struct RowBeam {
     irradiance: [f32; 3],
 }
 
-impl<'a, V: RainPath> Veil<'a, V> {
+impl<'a, V: RainPath> BandMedium<'a, V> {
     fn new(medium: &'a Medium, outlook: &'a Outlook<'a, V>) -> Self {
         let camera = outlook.camera;
         let [low, high] = [0.0, 1.0].map(|at| camera.tangents(at, at));

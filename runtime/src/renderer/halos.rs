@@ -46,7 +46,7 @@ impl<'a> Halos<'a> {
         }
     }
 
-    /// Adds a stroke that [`reaches`] within the same rain.
+    /// Adds a stroke that stands within the same rain.
     pub fn add_stroke(&mut self, stroke: &LitStroke) {
         for line in &stroke.lights.images {
             let intensity =
@@ -97,7 +97,7 @@ impl<'a> Halos<'a> {
 }
 
 /// Whether all of a stroke that the eye may see stands within `full` m of it.
-pub fn reaches(stroke: &LitStroke, eye: DVec3, full: f64) -> bool {
+pub fn stands_within(stroke: &LitStroke, eye: DVec3, full: f64) -> bool {
     let lines = &stroke.lights.images;
     !lines.is_empty()
         && lines

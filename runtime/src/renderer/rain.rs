@@ -206,7 +206,7 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     // Within the same rain as the eye, a light has its halo; from beyond, it is a beam.
     let eye = camera.position;
     let full = field.filled_radius(eye).min(field.farthest());
-    let near = |flash: &LitStroke| halos::reaches(flash, eye, full);
+    let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = medium.in_scattering(task.world).with_beam(flash_at(task.flashes, eye, near));
     let outlook = Outlook { camera, volume: field, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);

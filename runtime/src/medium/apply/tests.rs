@@ -213,10 +213,10 @@ fn the_widest_registers_give_the_bytes_of_the_narrowest() {
     let (mut other, mut left) = (one.clone(), vec![0.0; metres.len()]);
     medium.apply(&outlook, &mut one, &mut left).unwrap();
     let wide = left.clone();
-    let veil = Veil::new(&medium, &outlook);
+    let band_medium = BandMedium::new(&medium, &outlook);
     let rows = SIZE[0] * STEP * BAND;
     for (number, (pixels, left)) in other.pixels.chunks_mut(rows).zip(left.chunks_mut(rows)).enumerate() {
-        veil.band(number * STEP * BAND, pixels, left);
+        band_medium.band(number * STEP * BAND, pixels, left);
     }
     assert!(one == other && wide == left);
 }

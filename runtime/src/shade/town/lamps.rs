@@ -67,7 +67,7 @@ impl LampReach {
 
 impl Town {
     /// What every lamp reaches; traced when it is first asked for.
-    fn reaches(&self) -> &[LampReach] {
+    fn traced(&self) -> &[LampReach] {
         self.reaches.get_or_init(|| {
             let reach = |lamp: &squall_formats::section::town::StreetLamp| {
                 LampReach::new(self, Vec3::from_array(lamp.position))
@@ -82,7 +82,7 @@ impl Town {
             Thing::Block(number, ..) => number as u32,
             _ => NO_BLOCK,
         };
-        self.reaches()[number].share(hit.point - Vec3::from_array(self.lamps[number].position), block)
+        self.traced()[number].share(hit.point - Vec3::from_array(self.lamps[number].position), block)
     }
 
     /// Irradiance of the street lamps on a spot that has `so_far` from other lights, W/m²: each dimmed by the rain on its own way,
