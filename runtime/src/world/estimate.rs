@@ -12,7 +12,7 @@ impl WorldLight {
     /// for the upper hemisphere, that of what it sees below for the lower; a hemisphere that the frame doesn't show is as bright
     /// as the other. There is no sun in it: its disc is seldom in a frame and never unclipped.
     ///
-    /// Estimate once per sequence, and keep: frames of one sequence and the two eyes of a pair must agree. Pixels that are not
+    /// Estimate once per sequence, and keep: frames of one sequence and the two pictures of a pair must agree. Pixels that are not
     /// finite are left out; a frame without any is dark.
     ///
     /// Panics when the camera's picture has another size.
