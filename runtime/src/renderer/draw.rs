@@ -98,8 +98,7 @@ impl Scene {
         let drops = rain::drops_in(&light, &frame.medium.drop_phase(), &flashes, eye);
         let wet = TownRain::new(frame.weather.rate, self.rain_place.field(frame), &drops);
         self.render_town(
-            frame,
-            sky,
+            (frame, sky),
             &flashes,
             (&beyond, &around, clouds.marched(&memory.flash_cells)),
             (light.sun, &wet),
@@ -120,8 +119,7 @@ impl Scene {
     /// The town, lit by sky, cloud and channels.
     fn render_town(
         &self,
-        frame: &Frame,
-        sky: &Sky,
+        (frame, sky): (&Frame, &Sky),
         flashes: &[LitStroke],
         (beyond, around, lit): (&Beyond<'_>, &Environment, Option<CloudPicture<'_>>),
         (sun, wet): (Option<Sun>, &TownRain<'_>),
