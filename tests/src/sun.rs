@@ -145,9 +145,9 @@ fn measure_mixing_between_beams() {
     }
 }
 
-/// Not a test: the figures of docs/sky.md, "The light of the sky".
+/// Not a test: how far a sky of few harmonics is off on the storm's cloud, all light over the sphere of views.
 #[test]
-#[ignore = "measures a sky of few harmonics for docs/sky.md"]
+#[ignore = "measures a sky of few harmonics"]
 fn measure_a_sky_of_few_harmonics() {
     let folder = tempfile::tempdir().unwrap();
     storm(folder.path(), 4);
