@@ -244,6 +244,9 @@ fn a_sequence_at_several_rates_has_a_folder_a_rate_and_one_light() {
     // The same as folders, frame by frame.
     place.done("rgb --depth z --rate 5 -o folder");
     assert!(place.read("folder/0003.png") == place.read("out/rate-5/0003.png"));
+    place
+        .done("rgb/0003.png --depth z/0003.npy --rate 5 --time 0.1 -o lone/ --environment out/manifest.json");
+    assert!(place.read("lone/0003.png") == place.read("folder/0003.png"));
     place.done("rgb --depth z --rate 5 -o named/r##.exr");
     assert!(place.path("named/r03.exr").is_file() && place.path("named/manifest.json").is_file());
 }

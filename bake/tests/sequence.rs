@@ -125,9 +125,9 @@ fn an_animated_picture_holds_every_frame_at_its_time() {
 #[test]
 fn layers_of_a_frame_are_what_they_are_called() {
     let place = Place::new();
-    place.answer("render ASSET -o plain.exr --rate 60 --json");
+    place.answer("render ASSET -o plain.exr --rate 40 --json");
     let all = "beauty,cloud,direct,streak-alpha,transmittance,depth,normal,ids";
-    place.answer(&format!("render ASSET -o all.exr --rate 60 --layers {all} --json"));
+    place.answer(&format!("render ASSET -o all.exr --rate 40 --layers {all} --json"));
     assert!(place.light("all.exr", None) == place.light("plain.exr", None));
     let share =
         |layer: &str| place.light("all.exr", Some(layer)).iter().map(|pixel| pixel[0]).collect::<Vec<f32>>();

@@ -2,6 +2,7 @@
 
 mod channel;
 mod draw;
+mod halos;
 mod layers;
 mod light;
 mod lit_stroke;
@@ -10,6 +11,7 @@ mod town;
 mod town_rain;
 mod world;
 
+use crate::airlight::Airlight;
 pub use layers::{Layer, LayerPixels};
 
 use crate::camera::Camera;
@@ -104,6 +106,7 @@ struct Memory {
     cells: Vec<Vec4>,
     flash_cells: Vec<Vec4>,
     town: town::Kept,
+    airlight: Option<Airlight>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -186,6 +189,7 @@ impl StormRenderer {
             cells: Vec::new(),
             flash_cells: Vec::new(),
             town: town::Kept::default(),
+            airlight: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),

@@ -323,6 +323,7 @@ mod tests {
             psnr_db: 0.0,
             ssim: 0.0,
             notes: None,
+            scene: None,
             pattern,
         }]
     }

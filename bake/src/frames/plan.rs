@@ -164,7 +164,7 @@ impl<'a> Plan<'a> {
         };
         let Some(base) = base else { return Ok(None) };
         let pattern = Pattern::of(base)?;
-        let named = base.extension().is_some() && !base.is_dir();
+        let named = base.extension().is_some() && !names_folder(base);
         let own = || {
             let colour = camera.colour.as_ref().unwrap_or(&step.frame.path);
             let name = PathBuf::from(colour.file_name().unwrap_or_default());
@@ -178,7 +178,7 @@ impl<'a> Plan<'a> {
             None if named && (!self.many || self.is_shared(kind)) => {
                 (folder_of(base).to_owned(), PathBuf::from(base.file_name().unwrap_or_default()))
             }
-            None if self.is_single() && !base.is_dir() => {
+            None if self.is_single() && !names_folder(base) => {
                 (folder_of(base).to_owned(), PathBuf::from(base.file_name().unwrap_or_default()))
             }
             None => (base.clone(), own()),
@@ -212,7 +212,7 @@ impl<'a> Plan<'a> {
     pub fn is_shared(&self, kind: Kind) -> bool {
         let cameras = self.steps.iter().map(|step| step.cameras.len()).sum::<usize>();
         let named = |path: &PathBuf| {
-            path.extension().is_some() && !path.is_dir() && matches!(Pattern::of(path), Ok(None))
+            path.extension().is_some() && !names_folder(path) && matches!(Pattern::of(path), Ok(None))
         };
         kind == Kind::Streaks && (self.many || cameras > 1) && self.job.streaks.as_ref().is_some_and(named)
     }
@@ -279,8 +279,13 @@ impl Job {
     fn out_is_folder(&self, many: bool) -> bool {
         let pattern = matches!(Pattern::of(&self.out), Ok(Some(_)));
         let several = many || self.rates_mm_per_h.len() > 1 || self.right.is_some();
-        self.out.is_dir() || !pattern && several && (many || self.out.extension().is_none())
+        names_folder(&self.out) || !pattern && several && (many || self.out.extension().is_none())
     }
+}
+
+/// Whether a name is a folder's: one that is there, or that ends like one.
+fn names_folder(path: &Path) -> bool {
+    path.is_dir() || path.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR])
 }
 
 trait WithAdded {

@@ -320,7 +320,7 @@ impl Work<'_> {
             Ok(stream_bytes) => Ok((record, stream_bytes)),
             Err(refusal) => {
                 let bad_frame = refusal.exit_code == 3;
-                if !bad_frame || self.plan.is_single() || self.given.strict {
+                if !bad_frame || !self.plan.many || self.given.strict {
                     return Err(refusal.error());
                 }
                 record.outputs.clear();

@@ -161,7 +161,9 @@ fn depth_channel(names: &[String]) -> Option<String> {
             || lower.ends_with("depth.y")
             || lower.ends_with(".depth")
     };
-    let found = exact("Z").or_else(|| only(&|name| name.ends_with(".Z")));
+    // A layer of normals has a Z too.
+    let named = |name: &str| name.to_ascii_lowercase().ends_with("depth.z");
+    let found = exact("Z").or_else(|| only(&named)).or_else(|| only(&|name| name.ends_with(".Z")));
     let found = found.or_else(|| only(&of_depth)).or_else(|| exact("Y")).or_else(|| exact("V"));
     found.or_else(|| (names.len() == 1).then(|| &names[0])).cloned()
 }

@@ -13,6 +13,12 @@ pub struct Footprint {
     pub width: f64,
     /// Which pattern: uniform 32 bits, the same for a drop's whole life.
     pub pattern: u32,
+    /// The drop's diameter, mm; 0 where it is not known.
+    pub diameter_mm: f64,
+    /// Elevation of the line of sight, degrees.
+    pub elevation_deg: f64,
+    /// Share of one light in all that lights the drop, and the angle between the line of sight and the way to it, degrees.
+    pub light: [f64; 2],
 }
 
 /// A rectangle of pixels, right and bottom excluded.

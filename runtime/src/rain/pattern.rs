@@ -2,10 +2,14 @@
 
 use super::kernel::{Clip, Footprint, Kernel, Span};
 use super::window::SmoothWindow;
+use crate::shade::streak::choice::Conditions;
 use crate::shade::streak::{self, StreakSet, Tile};
 
 /// Pixels that the picture works on together: spans are padded to whole blocks.
 const BLOCK: usize = 4;
+
+/// Share of the shortest pattern's length over its width below which none of them stands for a streak.
+const TOO_SHORT: f64 = 0.5;
 
 /// Working memory for drawing patterns; grows to the largest tile and is then reused.
 #[derive(Clone, Debug, Default)]
@@ -21,7 +25,8 @@ impl PatternScratch {
     }
 }
 
-/// Draws a footprint as pattern number `footprint.pattern` modulo their number: the pattern's body takes the
+/// Draws a footprint as the pattern that [`crate::shade::streak::choice`] picks, or, of a set that says nothing of its pictures, as
+/// pattern number `footprint.pattern` modulo their number: the pattern's body takes the
 /// drop's whole path, from a radius before its first place to a radius after its last, and its width.
 ///
 /// The pattern's light is divided by its sum, so that shares add up to 1 at any size; what cosines undershoot
@@ -60,7 +65,6 @@ impl Kernel for StreakSet {
         let rows = [[origin[0], end[0]], [origin[1], end[1]]];
         // Lines of a thin streak that stands rather upright are rows already.
         let drawn = self.draw_rows(&placed.streak, rows, &mut scratch.streak, |y, x, count, shares| {
-            shares.iter_mut().for_each(|share| *share = if *share > 0.0 { *share } else { 0.0 });
             put(Span { x, y, count, shares });
         });
         if !drawn {
@@ -109,7 +113,24 @@ impl StreakSet {
 
     /// The streak that stands for a footprint; `None` where there is no light to draw it with.
     fn of_footprint(&self, footprint: &Footprint) -> Option<streak::StreakPlacement> {
-        let pattern = footprint.pattern.checked_rem(self.len() as u32)?;
+        let pattern = match self.choice() {
+            // A long pattern squeezed into a few diameters is a flat rectangle: a swept disc is nearer.
+            None if 1.0 + footprint.length / footprint.width < TOO_SHORT * self.shortest_aspect() => {
+                return None;
+            }
+            None => footprint.pattern.checked_rem(self.len() as u32)?,
+            Some(choice) => {
+                let [light_share, light_angle_deg] = footprint.light;
+                let conditions = Conditions {
+                    aspect: 1.0 + footprint.length / footprint.width,
+                    diameter_mm: footprint.diameter_mm,
+                    view_elevation_deg: footprint.elevation_deg,
+                    light_share,
+                    light_angle_deg,
+                };
+                choice.pick(&conditions, footprint.pattern)
+            }
+        };
         let mean = self.mean(pattern);
         let (length, width) = (footprint.length + footprint.width, footprint.width);
         let weight = (1.0 / (length * width * f64::from(mean))) as f32;
@@ -175,6 +196,7 @@ mod tests {
             length,
             width,
             pattern: random.bits() as u32,
+            ..Footprint::default()
         }
     }
 
@@ -200,7 +222,14 @@ mod tests {
             for step in 0..=10 {
                 // From the middle of column 159 to the middle of column 160.
                 let centre = [159.5 + 0.1 * f64::from(step), 160.2];
-                let footprint = Footprint { centre, axis: [0.0, 1.0], length: 60.0, width, pattern: 0 };
+                let footprint = Footprint {
+                    centre,
+                    axis: [0.0, 1.0],
+                    length: 60.0,
+                    width,
+                    pattern: 0,
+                    ..Footprint::default()
+                };
                 let drawn = pixels(&set, &footprint, ALL, &mut scratch);
                 let column =
                     |x: i32| (0..SIDE).map(|y| f64::from(drawn[(y * SIDE + x) as usize])).sum::<f64>();

@@ -13,8 +13,10 @@ use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use std::any::Any;
 
-/// Tile width and height, px: 16 bytes a pixel of picture and mask, a quarter of a megabyte.
-const TILE: [usize; 2] = [256, 64];
+/// Tile width and height, px: 16 bytes a pixel of picture and mask, an eighth of a megabyte.
+const TILE: [usize; 2] = [128, 64];
+/// Pixels of 12 bytes in a line of the cache.
+const PER_LINE: usize = 5;
 /// Pixels that are worked on together, one vector register wide; drawn spans are padded to whole blocks.
 const BLOCK: usize = 4;
 const LANES: [f32; BLOCK] = [0.0, 1.0, 2.0, 3.0];
@@ -155,7 +157,6 @@ impl Canvas {
                 *scratch = Box::new(K::Scratch::default());
             }
             let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
-            mask.fill(0.0);
             let top = index * TILE[1];
             let height = pixels.len() / width;
             let mut brush = Brush { scratch, secants: &secants, scene, width, top, pixels, mask };
@@ -164,6 +165,7 @@ impl Canvas {
                 // Pictures have at most 2²⁸ pixels.
                 let [left, top, right, bottom] = [left, top, right, top + height].map(|side| side as i32);
                 let mine = list.of(index * grid[0] + column);
+                brush.open_tile(!mine.is_empty(), Clip { left, top, right, bottom });
                 brush.paint_tile(&list, mine, Clip { left, top, right, bottom });
             }
         };
@@ -215,12 +217,17 @@ impl Canvas {
         placed.resize(streaks.len(), K::Placed::default());
         let secants = camera.secants();
         let prepare = |(((radiance, tiles), placed), streak): Prepare<K::Placed>| {
-            let footprint = streak.footprint();
+            let mut footprint = streak.footprint();
             *tiles = NOWHERE;
-            let Some((clip, ready)) = scene.kernel.place(&footprint) else { return };
-            (*tiles, *placed) = (tiles_of(clip, grid), ready);
             let ray = camera.ray_with(&secants, footprint.centre[0], footprint.centre[1]);
             let distance = f64::from(streak.depth) / ray.direction.dot(camera.forward);
+            footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
+            footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
+                let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
+                [light.share, libm::acos(cosine).to_degrees()]
+            });
+            let Some((clip, ready)) = scene.kernel.place(&footprint) else { return };
+            (*tiles, *placed) = (tiles_of(clip, grid), ready);
             *radiance = scene.light.radiance(&ray, distance);
         };
         let out = self.radiance.par_iter_mut().zip(&mut self.boxes).zip(placed);
@@ -271,6 +278,20 @@ struct Brush<'a, K: Kernel, L> {
 }
 
 impl<K: Kernel, L> Brush<'_, K, L> {
+    /// Clears a tile's mask, and fetches its pixels if any will be wanted: row after row, as memory is fast. A streak alone would
+    /// wait for each of its rows.
+    fn open_tile(&mut self, wanted: bool, Clip { left, top, right, bottom }: Clip) {
+        let mut seen = 0.0;
+        for row in top as usize - self.top..bottom as usize - self.top {
+            let columns = row * self.width + left as usize..row * self.width + right as usize;
+            self.mask[columns.clone()].fill(0.0);
+            if wanted {
+                seen += self.pixels[columns].iter().step_by(PER_LINE).map(|pixel| pixel[0]).sum::<f32>();
+            }
+        }
+        std::hint::black_box(seen);
+    }
+
     fn paint_tile(&mut self, list: &TileList<K::Placed>, mine: &[u32], clip: Clip) {
         let Self { scratch, secants, scene, width, top, pixels, mask } = self;
         for &index in mine {
@@ -369,10 +390,22 @@ fn lay_block(
         alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
     }
     // With a coverage of 0 a pixel stays what it is, infinite or not: whole blocks are safe where there is room.
-    match (pixels.first_chunk_mut::<BLOCK>(), mask.first_chunk_mut::<BLOCK>()) {
-        (Some(pixels), Some(mask)) => {
+    let whole = pixels.as_flattened_mut().first_chunk_mut::<{ 3 * BLOCK }>();
+    match (whole, mask.first_chunk_mut::<BLOCK>()) {
+        (Some(light), Some(mask)) => {
+            // Four pixels of three colours are three registers, whose lanes belong to these pixels and colours.
+            let [r, g, b] = radiance;
+            let [a0, a1, a2, a3] = alpha;
+            let covers = [[a0, a0, a0, a1], [a1, a1, a2, a2], [a2, a3, a3, a3]];
+            let colours = [[r, g, b, r], [g, b, r, g], [b, r, g, b]];
+            let (registers, _) = light.as_chunks_mut::<BLOCK>();
+            for ((light, cover), colour) in registers.iter_mut().zip(covers).zip(colours) {
+                for lane in 0..BLOCK {
+                    light[lane] = light[lane] * (1.0 - cover[lane]) + cover[lane] * colour[lane];
+                }
+            }
             for lane in 0..BLOCK {
-                over(&mut pixels[lane], &mut mask[lane], alpha[lane], radiance);
+                mask[lane] = mask[lane] * (1.0 - alpha[lane]) + alpha[lane];
             }
         }
         _ => {

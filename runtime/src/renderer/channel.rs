@@ -109,7 +109,7 @@ fn gathered(mut points: Vec<SceneLight>, light: impl Fn(&SceneLight) -> f32, tot
 }
 
 /// Irradiance of the strokes' own light at the eye, W/m² per colour, and the direction that it travels in.
-pub fn irradiance_at(flashes: &[LitStroke], eye: DVec3) -> ([f32; 3], DVec3) {
+pub fn irradiance_at<'a>(flashes: impl Iterator<Item = &'a LitStroke>, eye: DVec3) -> ([f32; 3], DVec3) {
     let (mut sum, mut way) = ([0.0f32; 3], DVec3::ZERO);
     for flash in flashes {
         for point in &flash.lights.points {

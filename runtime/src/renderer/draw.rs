@@ -95,7 +95,7 @@ impl Scene {
         };
         let around = world::look_around(eye, &beyond);
         let light = world::light_of(&around, world::sun_of(sky, cloud.as_ref(), eye));
-        let drops = rain::drops_in(&light, &flashes, eye);
+        let drops = rain::drops_in(&light, &frame.medium.drop_phase(), &flashes, eye);
         let wet = TownRain::new(frame.weather.rate, self.rain_place.field(frame), &drops);
         self.render_town(
             frame,

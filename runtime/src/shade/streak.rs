@@ -11,6 +11,7 @@
 //! Along a line of pixels each phase grows linearly, so cosines are turned, not evaluated: one complex
 //! product per term and line, two multiplications per term and pixel.
 
+pub mod choice;
 mod draw;
 mod edge;
 mod frame;
@@ -18,6 +19,7 @@ mod prepare;
 mod profile;
 mod thin;
 
+use choice::Choice;
 use draw::{Lines, Wave, draw};
 use edge::EdgeTable;
 use frame::{EdgeFrame, ProductFrame};
@@ -47,6 +49,8 @@ const LONGEST_PX: f64 = 1e5;
 pub struct StreakSet {
     patterns: Vec<(StreakPattern, OnceLock<Prepared>)>,
     edges: EdgeTable,
+    choice: OnceLock<Option<Choice>>,
+    shortest_aspect: f64,
 }
 
 /// One streak in the frame. Pixel (0, 0) has its centre at (½, ½), y points down.
@@ -119,13 +123,29 @@ struct Pose {
 impl StreakSet {
     /// The patterns of a section; each is prepared when it is first drawn.
     pub fn new(section: &StreakSection) -> Self {
+        let aspect = |pattern: &StreakPattern| {
+            let [width, length] = pattern.size_px.map(f64::from);
+            length * pattern.body.length() / (width * pattern.body.width())
+        };
+        let shortest_aspect = section.patterns.iter().map(aspect).fold(f64::INFINITY, f64::min);
         let patterns = section.patterns.iter().map(|pattern| (pattern.clone(), OnceLock::new())).collect();
-        Self { patterns, edges: EdgeTable::new() }
+        Self { patterns, edges: EdgeTable::new(), choice: OnceLock::new(), shortest_aspect }
     }
 
     fn prepared(&self, pattern: u32) -> Option<&Prepared> {
         let (stored, prepared) = self.patterns.get(pattern as usize)?;
         Some(prepared.get_or_init(|| Prepared::new(stored)))
+    }
+
+    /// Which pattern a drop takes by how it is seen; `None` where the set does not say what its pictures show.
+    pub(crate) fn choice(&self) -> Option<&Choice> {
+        let sorted = || Choice::new(&self.patterns.iter().map(|(stored, _)| stored).collect::<Vec<_>>());
+        self.choice.get_or_init(sorted).as_ref()
+    }
+
+    /// Length over width of the shortest pattern's body, as its picture shows it; +∞ of an empty set.
+    pub(crate) fn shortest_aspect(&self) -> f64 {
+        self.shortest_aspect
     }
 
     /// Number of patterns.

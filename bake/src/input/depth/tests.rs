@@ -121,6 +121,7 @@ fn the_depth_among_an_exrs_channels_is_found_by_its_name() {
     };
     assert_eq!(chosen(&["B", "G", "R", "Z"]).as_deref(), Some("Z"));
     assert_eq!(chosen(&["ViewLayer.Combined.R", "ViewLayer.Depth.Z"]).as_deref(), Some("ViewLayer.Depth.Z"));
+    assert_eq!(chosen(&["R", "depth.Z", "normal.X", "normal.Z"]).as_deref(), Some("depth.Z"));
     assert_eq!(chosen(&["Depth.V", "Image.R"]).as_deref(), Some("Depth.V"));
     assert_eq!(chosen(&["Y"]).as_deref(), Some("Y"));
     assert_eq!(chosen(&["distance"]).as_deref(), Some("distance"));

@@ -21,7 +21,7 @@ const RANK: usize = 4;
 /// Products of a width too narrow to show more, or of a pattern that has no more.
 const LOW_RANK: usize = 2;
 /// What the last two products may hold of the light's square where they are left out.
-const UNSEEN: f64 = 1e-5;
+const UNSEEN: f64 = 3e-5;
 /// Pixels worked on together.
 pub const THIN_LANES: usize = 4;
 /// Samples of the pattern, across and along.
@@ -193,10 +193,88 @@ impl Thin {
         let half = half_of(place.class as usize + 1);
         let lanes = lanes_of(half);
         self.mix(place, (half, lanes), mixed);
-        if self.across[(place.class as usize + 1) * SHIFTS.len()].rank == LOW_RANK {
-            self.rank_lines::<LOW_RANK>(place, clip, (half, lanes), mixed, put);
-        } else {
-            self.rank_lines::<RANK>(place, clip, (half, lanes), mixed, put);
+        let low_rank = self.across[(place.class as usize + 1) * SHIFTS.len()].rank == LOW_RANK;
+        // Sizes that the compiler knows become plain vector code.
+        match (low_rank, lanes) {
+            (true, THIN_LANES) => self.rank_lines::<LOW_RANK, THIN_LANES>(place, clip, half, mixed, put),
+            (true, _) => self.rank_lines::<LOW_RANK, 0>(place, clip, half, mixed, put),
+            (false, THIN_LANES) => self.rank_lines::<RANK, THIN_LANES>(place, clip, half, mixed, put),
+            (false, _) => self.rank_lines::<RANK, 0>(place, clip, half, mixed, put),
+        }
+    }
+
+    /// [`Thin::lines`] of `K` products and `L` pixels a line; 0 where those are more than one block.
+    #[inline(always)]
+    fn rank_lines<const K: usize, const L: usize>(
+        &self,
+        place: &ThinPlace,
+        clip: [[i32; 2]; 2],
+        half: usize,
+        mixed: &[f32],
+        put: &mut impl FnMut(i32, i32, usize, &mut [f32]),
+    ) {
+        let lanes = if L == 0 { lanes_of(half) } else { L };
+        let table = self.along[place.length_class as usize].as_slice();
+        let step = place.along_steps[1];
+        let level = (step * lanes as f32).abs() < LEVEL;
+        let mut lights = [0.0f32; MOST_LANES + THIN_LANES];
+        for line in clip[1][0]..clip[1][1] {
+            let down = line as f32 + 0.5 - place.middle[1];
+            let middle = place.middle[0] + place.lean * down;
+            let start = middle - half as f32 - 0.5;
+            // Casts round toward zero; the first pixel lies at or beyond the start.
+            let whole = start as i32;
+            let first = whole + i32::from(start > whole as f32);
+            let (from, to) = (first.max(clip[0][0]), first.saturating_add(lanes as i32).min(clip[0][1]));
+            if from >= to {
+                continue;
+            }
+            let node = ((first as f32 - start) * PHASES as f32).clamp(0.0, PHASES as f32);
+            let (index, share) = split(node, PHASES - 1);
+            let nodes = &mixed[index * RANK * lanes..(index + 2) * RANK * lanes];
+            let (low, high) = nodes.split_at(RANK * lanes);
+            let along = place.along_steps[0] * down;
+            if level {
+                let here = place.along_at(table, along);
+                for block in (0..lanes).step_by(THIN_LANES) {
+                    let [sums, _] = products::<K>(low, high, (block, lanes), share, &here, &here);
+                    put_block(&mut lights, block, sums, place.weight);
+                }
+            } else {
+                // Near its ends a leaning streak is looked up pixel by pixel; elsewhere it is linear over a block.
+                let begin = along + step * (first as f32 + 0.5 - middle);
+                let end = begin + step * lanes as f32;
+                let inner = begin.min(end) > place.inner[0] && begin.max(end) < place.inner[1];
+                let mut here = place.along_at(table, begin);
+                for block in (0..lanes).step_by(THIN_LANES) {
+                    let at = begin + step * block as f32;
+                    let mut sums = [0.0; THIN_LANES];
+                    if inner {
+                        let next = place.along_at(table, at + step * THIN_LANES as f32);
+                        let mut gain = [0.0; RANK];
+                        for k in 0..RANK {
+                            gain[k] = (next[k] - here[k]) * (1.0 / THIN_LANES as f32);
+                        }
+                        let [values, gains] = products::<K>(low, high, (block, lanes), share, &here, &gain);
+                        for lane in 0..THIN_LANES {
+                            sums[lane] = values[lane] + LANES[lane] * gains[lane];
+                        }
+                        here = next;
+                    } else {
+                        for lane in 0..THIN_LANES {
+                            let own = place.along_at(table, at + step * lane as f32);
+                            let (low, high) = (&low[block + lane..], &high[block + lane..]);
+                            for k in 0..K {
+                                let (a, b) = (low[k * lanes], high[k * lanes]);
+                                sums[lane] += (a + (b - a) * share) * own[k];
+                            }
+                        }
+                    }
+                    put_block(&mut lights, block, sums, place.weight);
+                }
+            }
+            let (skipped, count) = ((from - first) as usize, (to - from) as usize);
+            put(line, from, count, &mut lights[skipped..skipped + count.next_multiple_of(THIN_LANES)]);
         }
     }
 
@@ -235,84 +313,50 @@ impl Thin {
             }
         }
     }
+}
 
-    #[inline(always)]
-    fn rank_lines<const K: usize>(
-        &self,
-        place: &ThinPlace,
-        clip: [[i32; 2]; 2],
-        (half, lanes): (usize, usize),
-        mixed: &[f32],
-        put: &mut impl FnMut(i32, i32, usize, &mut [f32]),
-    ) {
-        let along_table = self.along[place.length_class as usize].as_slice();
-        let reach = half as f32;
-        let mut lights = [0.0f32; MOST_LANES + THIN_LANES];
-        for line in clip[1][0]..clip[1][1] {
-            let down = line as f32 + 0.5 - place.middle[1];
-            let middle = place.middle[0] + place.lean * down;
-            let start = middle - reach - 0.5;
-            // Casts round toward zero; a pixel that starts the line lies at or beyond its start.
-            let whole = start as i32;
-            let first = whole + i32::from(start > whole as f32);
-            let node = ((first as f32 - start) * PHASES as f32).clamp(0.0, PHASES as f32);
-            let (index, share) = split(node, PHASES - 1);
-            let along = place.along_steps[0] * down;
-            let (from, to) = (first.max(clip[0][0]), first.saturating_add(lanes as i32).min(clip[0][1]));
-            if from >= to {
-                continue;
-            }
-            let [a, b] = [0, 1].map(|next| &mixed[(index + next) * RANK * lanes..][..K * lanes]);
-            let step = place.along_steps[1];
-            let level = (step * lanes as f32).abs() < LEVEL;
-            let at = |pixel: f32| place.along_at(along_table, along + step * (pixel + 0.5 - middle));
-            let mut here = if level { at(middle - 0.5) } else { at(first as f32) };
-            // Near its ends a leaning streak is looked up pixel by pixel.
-            let ends = [along + step * (first as f32 + 0.5 - middle), step * lanes as f32];
-            let inner = ends[0].min(ends[0] + ends[1]) > place.inner[0]
-                && ends[0].max(ends[0] + ends[1]) < place.inner[1];
-            for block in (0..lanes).step_by(THIN_LANES) {
-                let mut gain = [0.0; RANK];
-                if !level && !inner {
-                    let packets: [Packet; THIN_LANES] =
-                        std::array::from_fn(|lane| at((first + (block + lane) as i32) as f32));
-                    let mut sums = [0.0f32; THIN_LANES];
-                    for k in 0..K {
-                        let row = k * lanes + block;
-                        for lane in 0..THIN_LANES {
-                            let (a, b) = (a[row + lane], b[row + lane]);
-                            sums[lane] += (a + (b - a) * share) * packets[lane][k];
-                        }
-                    }
-                    lights[block..block + THIN_LANES].copy_from_slice(&sums);
-                    continue;
-                }
-                if !level {
-                    let next = at((first + (block + THIN_LANES) as i32) as f32);
-                    for k in 0..K {
-                        gain[k] = (next[k] - here[k]) * (1.0 / THIN_LANES as f32);
-                    }
-                }
-                let mut sums = [0.0f32; THIN_LANES];
-                for k in 0..K {
-                    let at = k * lanes + block;
-                    let (Some(a), Some(b)) =
-                        (a[at..].first_chunk::<THIN_LANES>(), b[at..].first_chunk::<THIN_LANES>())
-                    else {
-                        continue;
-                    };
-                    for lane in 0..THIN_LANES {
-                        let value = here[k] + gain[k] * lane as f32;
-                        sums[lane] += (a[lane] + (b[lane] - a[lane]) * share) * value;
-                    }
-                }
-                lights[block..block + THIN_LANES].copy_from_slice(&sums);
-                for k in 0..K {
-                    here[k] += gain[k] * THIN_LANES as f32;
-                }
-            }
-            let (skipped, count) = ((from - first) as usize, (to - from) as usize);
-            put(line, from, count, &mut lights[skipped..skipped + count.next_multiple_of(THIN_LANES)]);
+const LANES: [f32; THIN_LANES] = [0.0, 1.0, 2.0, 3.0];
+
+/// A block of the table across, between two nodes, times values along; and the same times gains along.
+#[inline(always)]
+fn products<const K: usize>(
+    low: &[f32],
+    high: &[f32],
+    (block, lanes): (usize, usize),
+    share: f32,
+    values: &Packet,
+    gains: &Packet,
+) -> [[f32; THIN_LANES]; 2] {
+    let mut sums = [[0.0f32; THIN_LANES]; 2];
+    for k in 0..K {
+        let at = k * lanes + block;
+        let (Some(a), Some(b)) = (
+            low.get(at..).and_then(<[f32]>::first_chunk::<THIN_LANES>),
+            high.get(at..).and_then(<[f32]>::first_chunk::<THIN_LANES>),
+        ) else {
+            return sums;
+        };
+        for lane in 0..THIN_LANES {
+            let across = a[lane] + (b[lane] - a[lane]) * share;
+            sums[0][lane] += across * values[k];
+            sums[1][lane] += across * gains[k];
+        }
+    }
+    sums
+}
+
+/// What cosines undershoot below zero is cut off.
+#[inline(always)]
+fn put_block(
+    lights: &mut [f32; MOST_LANES + THIN_LANES],
+    block: usize,
+    sums: [f32; THIN_LANES],
+    weight: f32,
+) {
+    if let Some(out) = lights.get_mut(block..).and_then(<[f32]>::first_chunk_mut::<THIN_LANES>) {
+        for lane in 0..THIN_LANES {
+            let light = sums[lane] * weight;
+            out[lane] = if light > 0.0 { light } else { 0.0 };
         }
     }
 }
@@ -321,7 +365,7 @@ impl Thin {
 const MOST_LANES: usize = 28;
 
 impl ThinPlace {
-    /// V at `along` pixels from the picture's beginning, times the weight.
+    /// V at `along` pixels from the picture's beginning.
     #[inline(always)]
     fn along_at(&self, table: &[Packet], along: f32) -> Packet {
         let last = table.len() - 2;
@@ -330,7 +374,7 @@ impl ThinPlace {
         let (low, high) = (&table[index], &table[index + 1]);
         let mut packet = [0.0; RANK];
         for k in 0..RANK {
-            packet[k] = (low[k] + (high[k] - low[k]) * share) * self.weight;
+            packet[k] = low[k] + (high[k] - low[k]) * share;
         }
         packet
     }

