@@ -172,6 +172,8 @@ fn inspect_answers_what_is_inside() {
         ("direct", Text),
         ("codec", Text),
         ("view_region", Maybe(&Object)),
+        ("sun", Maybe(&Object)),
+        ("light_cells", List),
         ("cells", Number),
         ("lit_cells", Number),
     ];
@@ -206,7 +208,8 @@ fn verify_answers_whether_an_asset_is_whole() {
     ];
     let whole = answer(&place, 0, &["verify", "r.squall", "--json"]);
     has(&whole, &keys);
-    assert_eq!((&whole["whole"], &whole["rows"]), (&true.into(), &64.into()));
+    // 64 virtual lights, and the two hemispheres of the sky that the view shows; its sun is down.
+    assert_eq!((&whole["whole"], &whole["rows"]), (&true.into(), &66.into()));
     let mut bytes = std::fs::read(place.path("r.squall")).unwrap();
     let last = bytes.len() - 1;
     bytes[last] ^= 1;

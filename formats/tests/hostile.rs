@@ -11,7 +11,7 @@ use squall_formats::section::check::check;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{
     CoefficientBound, DirectTerm, DirectionalBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection,
-    SourceBasis, pack_seen, write,
+    SourceBasis, SunDirections, pack_seen, write, write_beside,
 };
 use squall_formats::section::{KNOWN, is_known};
 use squall_formats::view_region::ViewRegion;
@@ -71,15 +71,15 @@ fn samples() -> Vec<Sample> {
             samples.push(Sample { tag, version, head: entry.head_length as usize, bytes: part });
         }
     }
-    // The newest version of the response, with all that it may hold.
+    // Version 2 of the response, with all that it may hold.
     let old = samples.iter().rfind(|s| s.tag == ResponseSection::TAG && s.version == 1).unwrap();
     let section = newest_response(old.bytes.bytes(), |_| ());
-    let (tag, version, head) = (ResponseSection::TAG, ResponseSection::VERSION, section.head_length as usize);
+    let (tag, version, head) = (ResponseSection::TAG, section.version, section.head_length as usize);
     samples.push(Sample { tag, version, head, bytes: Aligned::new(&section.to_bytes()) });
     samples
 }
 
-/// A response of version 1 as one of the newest, with a view region and cells hidden from it, and `spoil`ed.
+/// A response of version 1 as one of version 2, with a view region and cells hidden from it, and `spoil`ed.
 fn newest_response(bytes: &[u8], spoil: fn(&mut ResponseHead)) -> OutSection {
     let old = ResponseSection::read(bytes, 1, &Limits::default()).unwrap();
     let mut head = old.head.clone();
@@ -210,7 +210,7 @@ fn every_limit_is_kept() {
         assert!(error.is_damage() && error.to_string().contains(&sample.tag.to_string()), "{error}");
     };
     for &tag in KNOWN {
-        refused(&tag.0, Limits { head_bytes: 16, ..Limits::default() });
+        refused(&tag.0, Limits { head_bytes: 8, ..Limits::default() });
     }
     refused(b"CLDG", Limits { cells: 287, ..Limits::default() });
     refused(b"CLRT", Limits { cells: 287, ..Limits::default() });
@@ -398,9 +398,9 @@ fn each_damaged_field_of_a_response_is_named() {
             let mut head = good.head.clone();
             let mut rows = ResponseRows { rows: rows.clone(), bounds: good.bounds.to_vec() };
             spoil(&mut head, &mut rows);
-            let bytes = write(&head, rows).to_bytes();
-            let newest = ResponseSection::VERSION;
-            names(field, read_as(ResponseSection::TAG, newest, Aligned::new(&bytes).bytes()));
+            let section = write(&head, rows);
+            let bytes = Aligned::new(&section.to_bytes());
+            names(field, read_as(ResponseSection::TAG, section.version, bytes.bytes()));
         }
         return;
     }
@@ -426,15 +426,55 @@ fn each_damaged_field_of_view_region_and_seen_cells_is_named() {
         }),
     ];
     let old = sample(ResponseSection::TAG);
-    let good = newest_response(old.bytes(), |_| ()).to_bytes();
-    read_as(ResponseSection::TAG, ResponseSection::VERSION, Aligned::new(&good).bytes()).unwrap();
+    let good = newest_response(old.bytes(), |_| ());
+    let (version, good) = (good.version, good.to_bytes());
+    read_as(ResponseSection::TAG, version, Aligned::new(&good).bytes()).unwrap();
     for (field, spoil) in damage {
         let bytes = newest_response(old.bytes(), spoil).to_bytes();
-        names(field, read_as(ResponseSection::TAG, ResponseSection::VERSION, Aligned::new(&bytes).bytes()));
+        names(field, read_as(ResponseSection::TAG, version, Aligned::new(&bytes).bytes()));
     }
     // Version 1 has none of this: its basis cannot be that, and its record ends before.
     let bytes = Aligned::new(&good);
     assert!(read(ResponseSection::TAG, bytes.bytes()).is_err());
+}
+
+#[test]
+fn each_damaged_field_of_the_sun_is_named() {
+    let _turn = alone();
+    type Spoil = fn(&mut ResponseHead);
+    fn rings(head: &mut ResponseHead) -> (&mut Vec<f64>, &mut Vec<u32>) {
+        match &mut head.sun {
+            Some(SunDirections::Rings { elevations_rad, counts }) => (elevations_rad, counts),
+            _ => panic!("no rings"),
+        }
+    }
+    let damage: [(&str, Spoil); 8] = [
+        ("distant light", |head| head.sun = None),
+        ("sun's rings", |head| rings(head).0[1] = f64::NAN),
+        ("sun's rings", |head| rings(head).0.swap(0, 1)),
+        ("sun's rings", |head| rings(head).0.truncate(1)),
+        ("sun's rings", |head| rings(head).1[0] += 1),
+        ("sun's rings", |head| rings(head).1[0] = u32::MAX),
+        ("sun's beams", |head| rings(head).0[0] -= 0.01),
+        ("sun", |head| {
+            for source in &mut head.distant {
+                if let DistantKind::Sun { direction } = source.kind {
+                    source.kind = DistantKind::Beam { direction };
+                }
+            }
+        }),
+    ];
+    let sample = samples().into_iter().find(|s| s.tag == ResponseSection::TAG && s.version == 3).unwrap();
+    let good = ResponseSection::read(sample.bytes.bytes(), 3, &Limits::default()).unwrap();
+    let rows: Vec<Vec<u8>> = (0..good.row_count()).map(|row| good.row(row).unwrap().to_vec()).collect();
+    for (field, spoil) in damage {
+        let mut head = good.head.clone();
+        spoil(&mut head);
+        let rows = ResponseRows { rows: rows.clone(), bounds: good.bounds.to_vec() };
+        // As if there were blocks: the version is then 3 whatever the head says.
+        let bytes = write_beside(&head, rows, GridShape::new(1, 1, 1)).to_bytes();
+        names(field, read_as(ResponseSection::TAG, 3, Aligned::new(&bytes).bytes()));
+    }
 }
 
 #[test]

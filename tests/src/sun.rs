@@ -13,9 +13,14 @@ use squall_formats::container::write;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::response::{DistantKind, SunDirections, towards_sun};
 use squall_formats::sphere;
+use squall_formats::units::Radians;
 use squall_runtime::clouds::SunSource;
+use squall_runtime::live::LiveSolver;
 use squall_runtime::relight::Relighter;
+use squall_runtime::shade::sky::{Sky, SkyParameters};
 use squall_runtime::transport::Cloud;
+use squall_runtime::transport::direct::Light;
+use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::{Asset, Clouds, StormRenderer};
 use std::path::Path;
 
@@ -136,6 +141,68 @@ fn measure_mixing_between_beams() {
                 });
                 println!("    harmonics of degree {degree}: {:.2} %", 100.0 * root_mean_square(errors));
             }
+        }
+    }
+}
+
+/// Not a test: how far a sky of few harmonics is off on the storm's cloud, all light over the sphere of views.
+#[test]
+#[ignore = "measures a sky of few harmonics"]
+fn measure_a_sky_of_few_harmonics() {
+    let folder = tempfile::tempdir().unwrap();
+    storm(folder.path(), 4);
+    let asset = baked(&recipe(folder.path(), "distant = [\"upper-sky\"]", ""));
+    let relighter = Relighter::new(&asset).unwrap();
+    let cloud = relighter.cloud();
+    let solver = LiveSolver::new(cloud, &relighter.response().head.solver).unwrap();
+    let ordinates = Quadrature::DoubleGauss { polar: 6, azimuths: 24 }.ordinates().unwrap();
+    let ways = sphere::directions_26().map(DVec3::from_array);
+    // J in 26 directions of a sky whose radiance from a direction is given.
+    let light = |radiance: &dyn Fn(DVec3) -> f64| -> Vec<f64> {
+        let beam = |ordinate: &squall_runtime::transport::quadrature::Ordinate| Light::Beam {
+            direction: DVec3::from_array(ordinate.direction),
+            irradiance: 4.0
+                * std::f64::consts::PI
+                * ordinate.weight
+                * radiance(-DVec3::from_array(ordinate.direction)),
+        };
+        let beams: Vec<Light> = ordinates.iter().map(beam).collect();
+        let direct = solver.direct_of(&beams, &ways, 1);
+        let live = solver.solve(&direct, &mut |_| true).unwrap();
+        let scattered = squall_bake::response::in_26_directions(&live.coefficients);
+        direct.towards.iter().zip(scattered).map(|(a, b)| f64::from(a + b)).collect()
+    };
+    for elevation in [-3.2f64, 2.0, 10.0, 40.0] {
+        let parameters = SkyParameters {
+            sun_elevation: Radians(elevation.to_radians()),
+            high_cloud: 0.0,
+            ..SkyParameters::default()
+        };
+        let sky = Sky::new(&parameters).unwrap();
+        let truth = light(&|from| f64::from(sky.radiance(from.as_vec3())[0]));
+        let halves = sky.cloud_light(5_000.0, DVec3::ZERO);
+        let off = |name: &str, found: Vec<f64>| {
+            let (mut off, mut size) = (0.0, 0.0);
+            for cell in (0..cloud.shape.len()).filter(|&cell| cloud.extinction[cell] > 0.0) {
+                for (d, weight) in sphere::weights_26().iter().enumerate() {
+                    let (x, r) = (found[26 * cell + d], truth[26 * cell + d]);
+                    off += weight * (x - r) * (x - r);
+                    size += weight * r * r;
+                }
+            }
+            println!("sun at {elevation}°, {name}: {:.1} %", 100.0 * libm::sqrt(off / size));
+        };
+        off(
+            "two hemispheres",
+            light(&|from| f64::from(if from.z > 0.0 { halves.upper } else { halves.lower }[0])),
+        );
+        for degree in 1..=2usize {
+            let count = (degree + 1) * (degree + 1);
+            let radiance = |from: DVec3| {
+                let values = sphere::harmonics(from.to_array());
+                (0..count).map(|i| values[i] * f64::from(sky.harmonics()[i][0])).sum()
+            };
+            off(&format!("harmonics to degree {degree}"), light(&radiance));
         }
     }
 }

@@ -194,7 +194,9 @@ mod tests {
         assert!(rings.weights(&suns, towards_sun(1.0, (-6.0f64).to_radians())).is_none());
         let path = [0.0, 0.1, 0.2].map(|azimuth| towards_sun(azimuth, 0.3));
         let at = |azimuth, elevation| SunDirections::Path.weights(&path, towards_sun(azimuth, elevation));
-        assert_eq!(at(0.1, 0.3).unwrap().len(), 1);
+        let own: Vec<_> =
+            at(0.1, 0.3).unwrap().into_iter().filter(|(_, weight)| *weight > ROUND_OFF).collect();
+        assert!(own.len() == 1 && own[0].0 == 1, "{own:?}");
         let between = at(0.05, 0.3).unwrap();
         assert!((between[0].1 - 0.5).abs() < 1e-3 && between.len() == 2, "{between:?}");
         assert_eq!((at(0.05, 0.4), at(0.4, 0.3), at(-0.1, 0.3)), (None, None, None));
