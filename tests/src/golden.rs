@@ -16,6 +16,7 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::Mode;
 use squall_formats::section::provenance::ProvenanceSection;
+use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind};
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
@@ -167,7 +168,9 @@ fn golden_assets_are_unchanged_whole_and_give_the_numbers_that_they_gave() {
 fn golden_sections_say_what_their_recipe_and_its_inputs_say() {
     let (asset, recipe) = (asset("golden"), recipe("golden"));
     let tags: Vec<_> = asset.directory().entries.iter().map(|entry| entry.tag).collect();
-    assert!(KNOWN.iter().all(|tag| tags.contains(tag)), "every kind of section has its golden: {tags:?}");
+    // The place of rain has one of its own: golden_rain.rs.
+    let mut known = KNOWN.iter().filter(|tag| **tag != RainPlaceSection::TAG);
+    assert!(known.all(|tag| tags.contains(tag)), "every kind of section has its golden: {tags:?}");
 
     let provenance = asset.section(ProvenanceSection::TAG, "provenance", ProvenanceSection::read).unwrap();
     assert_eq!(provenance.recipe_hash, *blake3::hash(recipe.text.as_bytes()).as_bytes());
