@@ -56,6 +56,8 @@ mod front_door;
 #[cfg(test)]
 mod golden;
 #[cfg(test)]
+mod golden_rain;
+#[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
 mod known_issues;

@@ -188,8 +188,11 @@ fn a_sphere_of_the_sky_leaves_its_gradients_and_rain_without_end_does_not() {
 fn a_frames_cover_keeps_its_streaks_off_and_one_elsewhere_does_not() {
     let golden = crate::root().join("data/golden/v1/golden.squall");
     let mut renderer = squall_runtime::StormRenderer::open(golden).unwrap();
-    let frame = renderer.frame().unwrap().rain(rate(20.0)).dark();
-    let eye = frame.camera.position;
+    // Wide enough for some streaks, and where it rains without bounds.
+    let eye = DVec3::new(40.0, -900.0, 6.0);
+    let frame = renderer.frame_from(camera(eye, DVec3::Y, DVec3::Z, 90.0, [320, 180]));
+    let mut frame = frame.rain(rate(20.0)).exposure(T20).dark();
+    frame.weather.volume = RainVolume::default();
     let mut streaks = |frame: &squall_runtime::Frame| {
         renderer.render(frame).unwrap();
         renderer.report().streaks

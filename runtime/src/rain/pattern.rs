@@ -65,6 +65,8 @@ impl Kernel for StreakSet {
         let rows = [[origin[0], end[0]], [origin[1], end[1]]];
         // Lines of a thin streak that stands rather upright are rows already.
         let drawn = self.draw_rows(&placed.streak, rows, &mut scratch.streak, |y, x, count, shares| {
+            // What cosines undershoot below zero is cut off.
+            shares.iter_mut().for_each(|share| *share = if *share > 0.0 { *share } else { 0.0 });
             put(Span { x, y, count, shares });
         });
         if !drawn {

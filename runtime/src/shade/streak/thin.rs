@@ -345,7 +345,6 @@ fn products<const K: usize>(
     sums
 }
 
-/// What cosines undershoot below zero is cut off.
 #[inline(always)]
 fn put_block(
     lights: &mut [f32; MOST_LANES + THIN_LANES],
@@ -355,8 +354,7 @@ fn put_block(
 ) {
     if let Some(out) = lights.get_mut(block..).and_then(<[f32]>::first_chunk_mut::<THIN_LANES>) {
         for lane in 0..THIN_LANES {
-            let light = sums[lane] * weight;
-            out[lane] = if light > 0.0 { light } else { 0.0 };
+            out[lane] = sums[lane] * weight;
         }
     }
 }
