@@ -10,8 +10,10 @@ mod density;
 mod end_to_end;
 mod lightning;
 mod peers;
-mod picture_kernel;
-mod rain_frame;
+pub mod picture_kernel;
+pub mod rain_baselines;
+pub mod rain_frame;
+mod rain_table;
 mod scene;
 mod streaks;
 mod transport;
@@ -24,7 +26,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
 /// Charts by their ids, in the order of the page, each with the question that it answers.
-pub const CHARTS: [(&str, &str); 7] = [
+pub const CHARTS: [(&str, &str); 8] = [
     ("streaks", "How many cosines does a streak need?"),
     ("density", "How large must the table of counts be?"),
     ("transport", "How finely must light be solved for?"),
@@ -32,6 +34,7 @@ pub const CHARTS: [(&str, &str); 7] = [
     ("compression", "How many bytes does a response need?"),
     ("end-to-end", "Where does baking start to pay?"),
     ("rain-frame", "What does rain cost a frame?"),
+    ("rain-table", "What do rain and lens make of that?"),
 ];
 
 /// Measures of likeness, of which more is better; of all others less is. They are read on an even scale, the others on a
@@ -178,7 +181,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Row>, Bake
             "lightning-grid" => (lightning::sweep(task, progress)?, lightning::PAIRS),
             "compression" => (compression::sweep(task, progress)?, compression::PAIRS),
             "end-to-end" => (end_to_end::sweep(task, progress)?, end_to_end::PAIRS),
-            _ => (rain_frame::sweep(task, progress)?, rain_frame::PAIRS),
+            "rain-frame" => (rain_frame::sweep(task, progress)?, rain_frame::PAIRS),
+            _ => (rain_table::sweep(task, progress)?, rain_table::PAIRS),
         };
         for point in &points {
             point.rows(id, pairs, &mut rows);
@@ -207,7 +211,8 @@ fn mark_front(rows: &mut [Row]) {
                 && row.cost_median <= cost
                 && (badness(row) < error || row.cost_median < cost || other < at)
         });
-        rows[at].pareto = !beaten && error.is_finite();
+        // Where a chart is read along a setting, nothing is better than anything.
+        rows[at].pareto = !beaten && error.is_finite() && rows[at].error_metric != rain_table::RATE;
     }
 }
 

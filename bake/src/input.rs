@@ -12,6 +12,7 @@ pub mod picture;
 pub mod pose;
 pub mod scene;
 pub mod sequence;
+pub mod streak_notes;
 pub mod town;
 
 use crate::error::BakeError;

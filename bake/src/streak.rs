@@ -149,6 +149,7 @@ impl<'a> Fitter<'a> {
             psnr_db: 0.0,
             ssim: 0.0,
             notes,
+            scene: None,
             pattern,
         };
         let mut streak = streak.quantised();

@@ -4,6 +4,7 @@ pub mod bolt;
 pub mod check;
 pub mod cloud;
 pub mod density;
+pub mod place;
 pub mod provenance;
 pub mod rain_place;
 pub mod response;
@@ -22,6 +23,7 @@ pub const KNOWN: &[Tag] = &[
     bolt::BoltSection::TAG,
     cloud::CloudSection::TAG,
     density::DensitySection::TAG,
+    place::PlaceSection::TAG,
     response::ResponseSection::TAG,
     provenance::ProvenanceSection::TAG,
     rain_place::RainPlaceSection::TAG,

@@ -31,6 +31,7 @@ fn pattern(terms: usize, window: Window) -> StreakPattern {
         psnr_db: 0.0,
         ssim: 0.0,
         notes: None,
+        scene: None,
         pattern: Pattern::Cosines(CosinePattern { window, constant: 0.6, terms }),
     }
 }

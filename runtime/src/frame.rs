@@ -11,6 +11,7 @@ pub use thunder::{SPEED_OF_SOUND, Thunder};
 use crate::camera::{Camera, Projection};
 use crate::clouds::STILL_RAYS;
 use crate::error::RuntimeError;
+use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
@@ -46,6 +47,8 @@ pub struct Frame {
     pub weather: Weather,
     /// Where rain is: its map, what keeps it off.
     pub place: RainPlace,
+    /// Which medium the rain beside its streaks is, and how drops spread light.
+    pub medium: MediumChoice,
     /// How rain is drawn.
     pub streaks: Streaks,
     /// The sky.
@@ -67,12 +70,15 @@ pub struct Streaks {
     pub length_px: [f64; 2],
     /// Factor on what drops cover; 1 is physical.
     pub gain: f64,
+    /// k_c of \[toyshop\]'s lightning bias 1 + k_c L, L the flashes' brightness in sum: how many times a flash counts when drops pick
+    /// patterns by what lights them. 0 is physical.
+    pub lightning_bias: f64,
 }
 
 impl Default for Streaks {
     fn default() -> Self {
         let ViewRain { seed, streak_px, gain, .. } = ViewRain::default();
-        Self { seed, length_px: streak_px, gain }
+        Self { seed, length_px: streak_px, gain, lightning_bias: 0.0 }
     }
 }
 
@@ -158,6 +164,13 @@ impl Frame {
         self
     }
 
+    /// The same frame with another medium, or drops that spread light another way.
+    #[must_use]
+    pub fn medium(mut self, medium: MediumChoice) -> Self {
+        self.medium = medium;
+        self
+    }
+
     /// The same frame with rain drawn another way.
     #[must_use]
     pub fn streaks(mut self, streaks: Streaks) -> Self {
@@ -206,8 +219,13 @@ impl Frame {
     /// Errors: the first number out of range, by name.
     pub fn check(&self) -> Result<(), RuntimeError> {
         self.camera.check()?;
+        self.medium.check()?;
         for flash in &self.flashes {
             flash.check()?;
+        }
+        let bias = self.streaks.lightning_bias;
+        if !(0.0..=1e6).contains(&bias) {
+            return Err(RuntimeError::argument("streaks.lightning_bias", "0 to 1e6", bias));
         }
         let numbers = ViewSection {
             camera: ViewCamera { exposure_s: self.exposure.0, ..ViewCamera::default() },
@@ -283,7 +301,13 @@ impl From<&ViewSection> for Frame {
             exposure: Seconds(view.camera.exposure_s),
             weather: Weather { volume: volume_of(rain), ..steady },
             place: RainPlace::default(),
-            streaks: Streaks { seed: rain.seed, length_px: rain.streak_px, gain: rain.gain },
+            medium: MediumChoice::default(),
+            streaks: Streaks {
+                seed: rain.seed,
+                length_px: rain.streak_px,
+                gain: rain.gain,
+                lightning_bias: 0.0,
+            },
             sky: SkyParameters {
                 sun_azimuth: Radians(sky.sun_azimuth_rad),
                 sun_elevation: Radians(sky.sun_elevation_rad),

@@ -54,6 +54,7 @@
 //! | `simd` | no | the machine's widest registers for the rain's medium, found when it runs; the same bytes without |
 #![deny(unsafe_code)]
 
+pub mod airlight;
 mod audited;
 pub mod camera;
 pub mod clouds;
@@ -68,6 +69,7 @@ pub mod load;
 pub mod medium;
 #[doc(hidden)]
 pub mod noise;
+mod octahedron;
 pub mod picture;
 pub mod place;
 pub mod rain;

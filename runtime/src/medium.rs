@@ -14,8 +14,12 @@
 //! | z      | planar depth   | m    |
 
 mod apply;
+mod choice;
+mod drops;
 mod phase;
 
+pub use choice::{MediumChoice, MediumForm, PhaseChoice};
+pub use drops::PhaseTable;
 pub use phase::Phase;
 
 use crate::camera::{Camera, Ray};
@@ -23,7 +27,7 @@ use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::rain::{RainPath, RainVolume, Shot};
 use crate::world::{InScattering, WorldLight};
-use squall_formats::drops::{self, Optics, paper};
+use squall_formats::drops::{self as rain_drops, Optics, paper};
 use squall_formats::section::density::{DensitySection, Mode};
 use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
 
@@ -69,7 +73,7 @@ impl Medium {
 
     fn of(rate: MillimetresPerHour, optics: Optics) -> Self {
         Self {
-            extinction: drops::extinction(rate, optics.efficiency).into(),
+            extinction: rain_drops::extinction(rate, optics.efficiency).into(),
             phase: Phase::HenyeyGreenstein(optics.asymmetry),
             drawn: Vec::new(),
         }

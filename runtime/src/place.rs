@@ -7,10 +7,12 @@
 use crate::error::RuntimeError;
 use crate::frame::Frame;
 use crate::load::Asset;
+use crate::rain::MapChoice;
 use crate::stroke::{Segment, Stroke};
 use glam::DVec3;
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
+use squall_formats::section::place::PlaceSection;
 use squall_formats::section::response::ResponseSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
@@ -27,13 +29,17 @@ pub struct Place {
 impl Place {
     /// The place of `asset`'s scene.
     ///
-    /// A town stands on the ground at its own origin. Without one, the place lies in the middle of the cloud's grid (of the view's
+    /// It is the one that the recipe states, where it does. A town without that stands on the ground at its own origin, (0, 0, 0). Without a town the place lies in the middle of the cloud's grid (of the view's
     /// camera where there is no cloud), as high as the lowest thing that is known: the foot of a stroke, the view's camera, the
     /// floor of the view region, the base of the grid.
     ///
     /// Errors: a damaged section.
     pub fn of(asset: &Asset) -> Result<Self, RuntimeError> {
         let has = |tag| asset.directory().find(tag).is_some();
+        if has(PlaceSection::TAG) {
+            let section = asset.section(PlaceSection::TAG, "the place", PlaceSection::read)?;
+            return Ok(Self { origin: DVec3::from_array(section.origin_m) });
+        }
         if has(TownSection::TAG) {
             return Ok(Self::default());
         }
@@ -75,6 +81,14 @@ impl Place {
         if let Some(region) = &mut moved.weather.volume.region {
             region.centre[0] -= self.origin.x;
             region.centre[1] -= self.origin.y;
+        }
+        if self.origin != DVec3::ZERO {
+            if let MapChoice::Own(map) = &mut moved.place.map {
+                *map = Arc::new(map.measured_from(self.origin));
+            }
+            for cover in &mut moved.place.covers {
+                *cover = Arc::new(cover.measured_from(self.origin));
+            }
         }
         moved.detail.fibres_from = (f64::from(moved.detail.fibres_from) - self.origin.z) as f32;
         moved

@@ -49,7 +49,7 @@ use streak::Lens;
 pub use cover::{CoverMap, Covers};
 pub use field::{RainField, RainPath};
 pub use kernel::{Clip, Footprint, Kernel, Span};
-pub use light::{RainLight, Surroundings};
+pub use light::{MainLight, RainLight, Surroundings};
 pub use map::RainMap;
 pub use pattern::PatternScratch;
 pub use place::{MapChoice, RainPlace};

@@ -2,13 +2,16 @@
 
 mod channel;
 mod draw;
+mod halos;
 mod layers;
 mod light;
 mod lit_stroke;
 mod rain;
 mod town;
+mod town_rain;
 mod world;
 
+use crate::airlight::Airlight;
 pub use layers::{Layer, LayerPixels};
 
 use crate::camera::Camera;
@@ -103,6 +106,7 @@ struct Memory {
     cells: Vec<Vec4>,
     flash_cells: Vec<Vec4>,
     town: town::Kept,
+    airlight: Option<Airlight>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -174,6 +178,7 @@ impl StormRenderer {
             false => None,
         };
         let patterns = StreakSet::new(&patterns);
+        let rain_place = rain_place.measured_from(place.origin);
         let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
         let memory = Memory {
             clouds,
@@ -184,6 +189,7 @@ impl StormRenderer {
             cells: Vec::new(),
             flash_cells: Vec::new(),
             town: town::Kept::default(),
+            airlight: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),

@@ -17,6 +17,7 @@ mod stored;
 
 use crate::camera::Ray;
 use crate::medium::Phase;
+use crate::octahedron::{fold, unfold};
 use crate::parallel::prelude::*;
 use crate::rain::RainLight;
 use crate::shade::sky::harmonics::Harmonics;
@@ -197,7 +198,7 @@ impl Map {
         let texel = |i: usize| {
             let [x, y] = [i % side, i / side].map(|at| 2.0 * at as f64 / Self::STEPS as f64 - 1.0);
             // Blurred harmonics of a positive world are positive but for what the degrees above the last would add.
-            basis.sum(coefficients, unfolded(x, y)).map(|value| value.max(0.0))
+            basis.sum(coefficients, unfold(x, y)).map(|value| value.max(0.0))
         };
         let mut texels = vec![[0.0; 3]; side * side];
         let row = |(row, texels): (usize, &mut [[f32; 3]])| {
@@ -207,13 +208,8 @@ impl Map {
         Self { texels }
     }
 
-    fn lookup(&self, d: Vec3) -> [f32; 3] {
-        let size = d.x.abs() + d.y.abs() + d.z.abs();
-        let (x, y) = (d.x / size, d.y / size);
-        let (x, y) = match d.z >= 0.0 {
-            true => (x, y),
-            false => ((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)),
-        };
+    fn lookup(&self, direction: Vec3) -> [f32; 3] {
+        let [x, y] = fold(direction);
         let place = |v: f32| (v * 0.5 + 0.5).clamp(0.0, 1.0) * Self::STEPS as f32;
         let (x, y) = (place(x), place(y));
         let [column, row] = [x, y].map(|v| (v as usize).min(Self::STEPS - 1));
@@ -225,13 +221,6 @@ impl Map {
             low + v * (high - low)
         })
     }
-}
-
-/// The direction at a place of the unfolded octahedron, both in [−1, 1].
-fn unfolded(x: f64, y: f64) -> DVec3 {
-    let z = 1.0 - x.abs() - y.abs();
-    let flat = if z >= 0.0 { [x, y] } else { [(1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)] };
-    DVec3::new(flat[0], flat[1], z).normalize()
 }
 
 /// Highest degree that a sampled world keeps.

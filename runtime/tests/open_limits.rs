@@ -120,6 +120,7 @@ fn pattern(number: usize, pattern: Pattern) -> StreakPattern {
         psnr_db: 30.0,
         ssim: 0.9,
         notes: None,
+        scene: None,
         pattern,
     }
 }
@@ -138,8 +139,8 @@ fn cosines(count: usize) -> Pattern {
 fn the_most_streak_patterns_with_the_most_terms_open_within_bounds_and_one_more_term_is_refused() {
     let _turn = alone();
     let streaks = |patterns: Vec<StreakPattern>| {
-        let bytes = StreakSection { patterns }.write();
-        OutSection::small(StreakSection::TAG, StreakSection::VERSION, false, bytes)
+        let section = StreakSection { patterns };
+        OutSection::small(StreakSection::TAG, section.version(), false, section.write())
     };
     opens_within_bounds("4096 patterns", &[streaks((0..4096).map(|i| pattern(i, cosines(64))).collect())]);
     let products = SeparablePattern { across: vec![vec![1.0; 4]; 8], along: vec![vec![1.0; 4]; 8] };

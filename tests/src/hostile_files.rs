@@ -168,30 +168,38 @@ fn a_known_section_marked_as_the_specification_does_not_is_refused_by_name() {
     }
 }
 
-/// The golden asset with its cloud grid twice as fine along x: its response is then light on blocks of cells.
-fn response_of_blocks() -> Vec<u8> {
+/// The golden asset with another cloud grid of `nx` cells along x: its response is then light on blocks of cells, or on none.
+fn response_beside(nx: u32) -> Vec<u8> {
     let bytes = golden("golden.squall");
     let asset = Asset::from_bytes(&bytes).unwrap();
     let grid = asset.section(CloudSection::TAG, "the cloud grid", CloudSection::read).unwrap();
     let mut head = grid.head.clone();
-    head.shape.nx *= 2;
-    head.cell_m[0] *= 0.5;
-    let finer: Vec<f32> = grid.extinction.iter().flat_map(|&value| [value; 2]).collect();
+    head.cell_m[0] *= f64::from(head.shape.nx) / f64::from(nx);
+    let per_row = head.shape.nx as usize;
+    head.shape.nx = nx;
+    let row = |row: &[f32]| (0..nx as usize).map(|x| row[x * per_row / nx as usize]).collect::<Vec<f32>>();
+    let cells: Vec<f32> = grid.extinction.chunks_exact(per_row).flat_map(row).collect();
     let mut sections = sections(&bytes);
     let at = sections.iter().position(|section| section.tag == CloudSection::TAG).unwrap();
-    sections[at] = CloudSection { head, extinction: &finer }.write();
+    sections[at] = CloudSection { head, extinction: &cells }.write();
     written(&sections)
 }
 
 #[test]
-fn light_on_blocks_of_cells_is_refused_by_verify_and_runtime_alike_and_names_the_file() {
+fn light_on_equal_blocks_of_cells_is_read_and_on_others_refused_by_verify_and_runtime_alike() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("blocks.squall");
-    std::fs::write(&path, response_of_blocks()).unwrap();
+    std::fs::write(&path, response_beside(18)).unwrap();
+    let asset = Asset::open(&path).unwrap();
+    verify(&asset).unwrap();
+    let mut renderer = squall_runtime::StormRenderer::new(&asset).unwrap();
+    let frame = renderer.frame().unwrap();
+    assert!(renderer.render(&frame).unwrap().pixels.iter().flatten().all(|value| value.is_finite()));
+    std::fs::write(&path, response_beside(13)).unwrap();
     let asset = Asset::open(&path).unwrap();
     let verified = verify(&asset).unwrap_err().to_string();
     assert!(verified.contains("blocks.squall: section CLRT: shape: wanted the cloud grid's"), "{verified}");
-    assert!(verified.contains("9 × 8 × 4 cells beside 18 × 8 × 4"), "{verified}");
+    assert!(verified.contains("9 × 8 × 4 cells beside 13 × 8 × 4"), "{verified}");
     assert_eq!(Relighter::new(&asset).err().unwrap().to_string(), verified);
     assert_eq!(squall_runtime::StormRenderer::new(&asset).err().unwrap().to_string(), verified);
 }

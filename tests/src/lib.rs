@@ -48,6 +48,8 @@ mod budget_rain;
 #[cfg(test)]
 mod codec;
 #[cfg(test)]
+mod energy;
+#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod front_door;

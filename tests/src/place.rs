@@ -12,10 +12,10 @@ use std::path::Path;
 /// Eastings, northings and heights of a map grid.
 const FAR: [f64; 3] = [3e5, -5e6, 200.0];
 
-/// The golden recipe without its town, everything moved by `offset`.
-fn moved_recipe(folder: &Path, offset: [f64; 3]) -> Recipe {
+/// The golden recipe, everything moved by `offset`; its town, if it is to have one, by its place.
+fn moved_recipe(folder: &Path, offset: [f64; 3], town: bool) -> Recipe {
     let golden = root().join("data/golden/v1");
-    for name in ["cloud.f32", "streak0.png", "streak1.png"] {
+    for name in ["cloud.f32", "streak0.png", "streak1.png", "town.json"] {
         std::fs::copy(golden.join(name), folder.join(name)).unwrap();
     }
     let read = |name: &str| std::fs::read_to_string(golden.join(name)).unwrap();
@@ -36,8 +36,9 @@ fn moved_recipe(folder: &Path, offset: [f64; 3]) -> Recipe {
             }
             "ceiling_m" => text += &format!("{key} = {:?}\n", value.parse::<f64>().unwrap() + offset[2]),
             "radius_m" => text += &format!("{line}\ncentre_m = {:?}\n", [offset[0] + 30.0, offset[1]]),
-            "file" => {}
-            _ if line == "[town]" => {}
+            "file" if !town => {}
+            _ if line == "[town]" && !town => {}
+            _ if line == "[town]" => text += &format!("[place]\norigin_m = {offset:?}\n[town]\n"),
             _ => text += &format!("{line}\n"),
         }
     }
@@ -48,9 +49,9 @@ fn moved_recipe(folder: &Path, offset: [f64; 3]) -> Recipe {
 }
 
 /// The scene moved by `offset`, under a low sun and under one that lights its cloud from the side.
-fn pictures(offset: [f64; 3]) -> [Picture; 2] {
+fn pictures(offset: [f64; 3], town: bool) -> [Picture; 2] {
     let folder = tempfile::tempdir().unwrap();
-    let baked = pipeline::bake(&moved_recipe(folder.path(), offset), &Quiet).unwrap();
+    let baked = pipeline::bake(&moved_recipe(folder.path(), offset, town), &Quiet).unwrap();
     let mut bytes = Vec::new();
     write(&mut bytes, &baked.sections).unwrap();
     let mut renderer = StormRenderer::new(Asset::from_bytes(&bytes).unwrap()).unwrap();
@@ -68,11 +69,12 @@ fn moving_a_whole_scene_changes_nothing_but_round_off() {
     const ROUND_OFF: f64 = 2e-3;
     /// The same of the whole picture.
     const MEAN: f64 = 1e-5;
-    for (here, there) in pictures([0.0; 3]).iter().zip(&pictures(FAR)) {
+    let both = |town| pictures([0.0; 3], town).into_iter().zip(pictures(FAR, town));
+    for (here, there) in both(false).chain(both(true)) {
         let light = |picture: &Picture| -> Vec<f64> {
             picture.pixels.iter().flatten().map(|&value| f64::from(value)).collect()
         };
-        let (here, there) = (light(here), light(there));
+        let (here, there) = (light(&here), light(&there));
         let mean = here.iter().sum::<f64>() / here.len() as f64;
         let most = here.iter().zip(&there).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let whole = here.iter().zip(&there).map(|(a, b)| a - b).sum::<f64>() / here.len() as f64;

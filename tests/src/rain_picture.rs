@@ -219,19 +219,17 @@ struct Patch;
 impl Kernel for Patch {
     type Scratch = Vec<f32>;
 
-    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
+    type Placed = Footprint;
+
+    fn place(&self, footprint: &Footprint) -> Option<(Clip, Footprint)> {
         let half = [0, 1].map(|axis| 0.5 * footprint.length * footprint.axis[axis].abs() + 1.0);
         let edge = |axis: usize, side: f64| libm::floor(footprint.centre[axis] + side * half[axis]) as i32;
-        Some(Clip {
-            left: edge(0, -1.0),
-            top: edge(1, -1.0),
-            right: edge(0, 1.0) + 1,
-            bottom: edge(1, 1.0) + 1,
-        })
+        let [left, top, right, bottom] = [edge(0, -1.0), edge(1, -1.0), edge(0, 1.0) + 1, edge(1, 1.0) + 1];
+        Some((Clip { left, top, right, bottom }, *footprint))
     }
 
     fn draw(&self, footprint: &Footprint, clip: Clip, scratch: &mut Vec<f32>, put: &mut impl FnMut(Span)) {
-        let Some(Clip { left, top, right, bottom }) = self.bounds(footprint) else { return };
+        let Some((Clip { left, top, right, bottom }, _)) = self.place(footprint) else { return };
         let share = 1.0 / ((right - left) * (bottom - top)) as f32;
         let (x, end) = (left.max(clip.left), right.min(clip.right));
         if x >= end {

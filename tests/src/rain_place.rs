@@ -183,3 +183,96 @@ fn a_sphere_of_the_sky_leaves_its_gradients_and_rain_without_end_does_not() {
     let field = RainField::default().with_farthest(Some(Metres(1500.0)));
     assert!(field.fills(DVec3::ZERO, 1500.0) && !field.fills(DVec3::ZERO, 1501.0) && !field.is_everywhere());
 }
+
+#[test]
+fn a_frames_cover_keeps_its_streaks_off_and_one_elsewhere_does_not() {
+    let golden = crate::root().join("data/golden/v1/golden.squall");
+    let mut renderer = squall_runtime::StormRenderer::open(golden).unwrap();
+    let frame = renderer.frame().unwrap().rain(rate(20.0)).dark();
+    let eye = frame.camera.position;
+    let mut streaks = |frame: &squall_runtime::Frame| {
+        renderer.render(frame).unwrap();
+        renderer.report().streaks
+    };
+    let lid = |x: f64, y: f64, z: f64| {
+        let origin = DVec3::new(x - 200.0, y - 200.0, z);
+        CoverMap::roofs(origin, Metres(100.0), [4, 4], vec![0.0; 16], vec![1.0; 16]).unwrap()
+    };
+    let mut open = frame.clone();
+    open.place.town_covers = false;
+    let all = streaks(&open);
+    assert!(all > 20, "{all}");
+    assert_eq!(streaks(&open.clone().cover(lid(eye.x, eye.y, eye.z + 150.0))), 0);
+    assert_eq!(streaks(&open.clone().cover(lid(eye.x + 5000.0, eye.y, eye.z + 150.0))), all);
+    // The town takes no more than there are, and its own roofs alone.
+    assert!(streaks(&frame) <= all);
+}
+
+#[test]
+fn a_picture_that_says_what_it_shows_becomes_a_pattern_that_says_it_and_others_stay_silent() {
+    use squall_bake::pipeline::bake;
+    use squall_bake::progress::Quiet;
+    use squall_bake::recipe::Recipe;
+    use squall_bake::synth::streak::scene::Scene;
+    use squall_bake::synth::streak::{fall_of, scene_streak, write_streaks};
+    use squall_formats::section::streak::StreakSection;
+    let folder = tempfile::tempdir().unwrap();
+    // The shortest of a few, which is soon traced.
+    let fall = |seed: u64| fall_of(Scene::Backlit, seed, 0);
+    let seed = (0..40).min_by(|a, b| fall(*a).total_cmp(&fall(*b))).unwrap();
+    let files = write_streaks(folder.path(), Scene::Backlit, seed, 1, &Quiet).unwrap();
+    let name = files[0].file_name().unwrap().to_str().unwrap();
+    assert_eq!(name, "backlit00.png");
+    let silent = crate::root().join("data/golden/v1/streak0.png");
+    std::fs::copy(silent, folder.path().join("silent.png")).unwrap();
+    let sections = |pictures: &str| {
+        let file = folder.path().join("recipe.toml");
+        let text = format!("[rain.streaks]\npictures = [{pictures}]\nmethod = \"separable\"\n");
+        std::fs::write(&file, text).unwrap();
+        let baked = bake(&Recipe::read(&file).unwrap(), &Quiet).unwrap();
+        baked.sections.into_iter().find(|section| section.tag == StreakSection::TAG).unwrap()
+    };
+    let silent = sections("\"silent.png\"");
+    assert_eq!(silent.version, 1);
+    let both = sections(&format!("\"{name}\", \"silent.png\""));
+    assert_eq!(both.version, 2);
+    let read = StreakSection::read(&both.to_bytes(), 2, &Default::default()).unwrap();
+    assert!(read.patterns[1].scene.is_none() && read.patterns[1].notes.is_none());
+    let made = scene_streak(Scene::Backlit, seed, 0);
+    let (notes, scene) = (read.patterns[0].notes.unwrap(), read.patterns[0].scene.unwrap());
+    assert!((notes.diameter_mm - made.drop.diameter_mm()).abs() < 1e-3);
+    assert!(
+        scene.light_azimuth_deg.abs() <= 25.0
+            && scene.light_share > 0.3
+            && scene.view_elevation_deg.abs() <= 12.0
+    );
+    // A chunk that lies is refused with the file.
+    let png = std::fs::read(&files[0]).unwrap();
+    let at = png.windows(13).position(|window| window == b"light_share\":").unwrap() + 13;
+    let mut broken = png.clone();
+    broken[at] = b'7';
+    std::fs::write(folder.path().join("broken.png"), mended(broken)).unwrap();
+    let file = folder.path().join("recipe.toml");
+    std::fs::write(&file, "[rain.streaks]\npictures = [\"broken.png\"]\nmethod = \"separable\"\n").unwrap();
+    let error = bake(&Recipe::read(&file).unwrap(), &Quiet).err().unwrap().to_string();
+    assert!(error.contains("broken.png") && error.contains("light_share from 0 to 1"), "{error}");
+}
+
+/// A PNG whose chunks have their checksums again.
+fn mended(mut png: Vec<u8>) -> Vec<u8> {
+    let mut at = 8;
+    while at + 12 <= png.len() {
+        let length = u32::from_be_bytes(png[at..at + 4].try_into().unwrap()) as usize;
+        let end = at + 8 + length;
+        let mut crc = u32::MAX;
+        for &byte in &png[at + 4..end] {
+            crc ^= u32::from(byte);
+            for _ in 0..8 {
+                crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
+            }
+        }
+        png[end..end + 4].copy_from_slice(&(!crc).to_be_bytes());
+        at = end + 4;
+    }
+    png
+}

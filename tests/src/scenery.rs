@@ -17,6 +17,7 @@ use squall_runtime::shade::sky::{Sky, SkyParameters};
 use squall_runtime::shade::town::Town;
 use squall_runtime::shade::town::frame::{Quality, TownFrame};
 use squall_runtime::shade::town::light::Lighting;
+use squall_runtime::shade::town::rain::NoRain;
 use squall_runtime::tone::Tone;
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,8 @@ fn dusk(town: &Town) -> Picture {
         strokes: &[],
         glows: &[],
         leaves: &|_, direction| sky.radiance(direction),
+        sun: sky.sun(),
+        rain: &NoRain,
     };
     let mut frame = TownFrame::default();
     town.render(&camera, &lighting, Quality { samples: 2, facets: 2 }, &mut frame);

@@ -179,9 +179,17 @@ fn shares_of_real_patterns_below_four_pixels_add_up_to_one() {
         for (length, width) in [(30.0, 0.1), (60.0, 0.7), (60.0, 2.0)] {
             for angle in [0.0, 0.2, 1.3] {
                 let axis = [libm::sin(angle), libm::cos(angle)];
-                let footprint = Footprint { centre: [150.3, 149.8], axis, length, width, pattern };
+                let footprint = Footprint {
+                    centre: [150.3, 149.8],
+                    axis,
+                    length,
+                    width,
+                    pattern,
+                    ..Footprint::default()
+                };
                 let mut sum = 0.0;
-                rain::Kernel::draw(&set, &footprint, all, &mut scratch, &mut |span| {
+                let (_, placed) = rain::Kernel::place(&set, &footprint).unwrap();
+                rain::Kernel::draw(&set, &placed, all, &mut scratch, &mut |span| {
                     sum += span.shares[..span.count].iter().map(|&share| f64::from(share)).sum::<f64>();
                 });
                 assert!((sum - 1.0).abs() < ENERGY, "{footprint:?}: {sum}");

@@ -44,7 +44,7 @@ fn storm(folder: &Path, blocks: usize) {
 fn recipe(folder: &Path, response: &str, more: &str) -> Recipe {
     let text = format!(
         "[clouds]\nscene = \"cloud.json\"\n[clouds.lightning]\nlow_m = [0.0, 13000.0, 6000.0]\n\
-         high_m = [0.0, 13000.0, 6000.0]\n[clouds.transport]\ntolerance = 5e-3\n[clouds.response]\n\
+         high_m = [0.0, 13000.0, 6000.0]\n[clouds.transport]\ntolerance = 1e-3\n[clouds.response]\n\
          test_strokes = 0\n{response}\n{more}"
     );
     std::fs::write(folder.join("recipe.toml"), text).unwrap();
@@ -96,10 +96,10 @@ fn harmonic_weights(suns: &[[f64; 3]], towards: DVec3, degree: usize) -> Vec<f64
 #[test]
 #[ignore = "measures mixing between beams for docs/sky.md"]
 fn measure_mixing_between_beams() {
-    for blocks in [4, 3] {
+    for blocks in [4, 2] {
         let folder = tempfile::tempdir().unwrap();
         storm(folder.path(), blocks);
-        for asked in [0.5, 0.1, 0.07, 0.05, 0.03] {
+        for asked in [0.5, 0.033, 0.027, 0.02, 0.015, 0.011] {
             let more = format!("[clouds.budget]\nsun_l2 = {asked}\n");
             let recipe =
                 recipe(folder.path(), "basis = \"harmonics-3\"\nerror = 1e-3\nsun = \"anywhere\"", &more);
@@ -142,12 +142,12 @@ fn measure_mixing_between_beams() {
 
 #[test]
 fn unseen_suns_on_the_storms_cloud_are_near_direct_solves_and_nearer_with_more_beams() {
-    /// Linear mixing over some 20°, all light, in blocks of 700 × 600 × 800 m: measured below, with half as much again.
-    const UNSEEN: f64 = 0.12;
+    /// Measured 1.7 % with beams 20° apart and 3.7 % with 60°, all light, in blocks of 700 × 600 × 800 m; 1.8 % along the path.
+    const UNSEEN: f64 = 0.03;
     let folder = tempfile::tempdir().unwrap();
     storm(folder.path(), 4);
-    let error = |response: &str| {
-        let recipe = recipe(folder.path(), response, "");
+    let error = |response: &str, budget: &str| {
+        let recipe = recipe(folder.path(), response, budget);
         let asset = baked(&recipe);
         let cloud = cloud_of(&asset);
         let clouds = recipe.clouds.as_ref().unwrap();
@@ -158,12 +158,12 @@ fn unseen_suns_on_the_storms_cloud_are_near_direct_solves_and_nearer_with_more_b
         root_mean_square(set.errors(&Relighter::new(&asset).unwrap()).unwrap())
     };
     let basis = "basis = \"harmonics-3\"\nerror = 0.003\n";
-    let anywhere = error(&format!("{basis}sun = \"anywhere\""));
-    let path = error(&format!(
-        "{basis}sun = {{ path = {{ latitude_deg = 50.0, date = \"2026-06-21\", hours = [16.0, 20.0] }} }}"
-    ));
-    println!("anywhere {anywhere}, path {path}");
-    assert!(anywhere < UNSEEN && path < 0.5 * anywhere, "anywhere {anywhere}, path {path}");
+    let anywhere = format!("{basis}sun = \"anywhere\"");
+    let (fine, coarse) = (error(&anywhere, ""), error(&anywhere, "[clouds.budget]\nsun_l2 = 0.9\n"));
+    let path = "sun = { path = { latitude_deg = 50.0, date = \"2026-06-21\", hours = [16.0, 20.0] } }";
+    let path = error(&format!("{basis}{path}"), "");
+    println!("anywhere {fine}, fewer beams {coarse}, path {path}");
+    assert!(fine < UNSEEN && path < UNSEEN && fine < 0.7 * coarse, "{fine}, {coarse}, path {path}");
 }
 
 /// A block of cloud with a recipe that lets the sun stand where `sun` says, and a view of it from the south.
@@ -174,7 +174,7 @@ fn block(folder: &Path, response: &str, sky: &str) -> Recipe {
         "kappa_per_m": 0.06, "albedo": 0.999, "g": 0.5}"#;
     std::fs::write(folder.join("box.json"), scene).unwrap();
     let text = format!(
-        "[clouds]\nscene = \"box.json\"\n[clouds.response]\nbasis = \"harmonics-2\"\nerror = 0.003\n\
+        "[clouds]\nscene = \"box.json\"\nkappa_per_m = 0.02\n[clouds.response]\nbasis = \"harmonics-2\"\nerror = 0.003\n\
          test_strokes = 0\n{response}\n[clouds.lightning]\nspacing_m = 1000.0\n[view]\n\
          position_m = [0.0, -1600.0, 600.0]\nheading_deg = 90.0\npitch_deg = 2.0\nvertical_fov_deg = 20.0\n\
          size_px = [48, 27]\nflashes = []\n[view.sky]\nhigh_cloud = 0.0\n{sky}\n"
@@ -201,7 +201,7 @@ const SKY: &str = "distant = [\"upper-sky\", \"lower-sky\"]\n";
 #[test]
 fn a_cloud_follows_the_skys_sun() {
     /// A mirrored sun lights the mirrored side alike but for what is mixed between beams, and what single precision leaves.
-    const MIRRORED: f64 = 0.04;
+    const MIRRORED: f64 = 0.1;
     let folder = tempfile::tempdir().unwrap();
     let recipe = block(
         folder.path(),
@@ -209,10 +209,10 @@ fn a_cloud_follows_the_skys_sun() {
         "sun_azimuth_deg = 180.0\nsun_elevation_deg = 20.0",
     );
     let mut renderer = StormRenderer::new(baked(&recipe)).unwrap();
-    let (west, source) = halves(&mut renderer, 180.0, 20.0);
-    let (east, _) = halves(&mut renderer, 0.0, 20.0);
+    let (west, source) = halves(&mut renderer, 215.0, 20.0);
+    let (east, _) = halves(&mut renderer, 325.0, 20.0);
     assert_eq!(source, SunSource::Baked);
-    assert!(west[0] > 1.3 * west[1] && east[1] > 1.3 * east[0], "{west:?} {east:?}");
+    assert!(west[0] > 1.1 * west[1] && east[1] > 1.1 * east[0], "{west:?} {east:?}");
     for (a, b) in [(west[0], east[1]), (west[1], east[0])] {
         assert!((a / b - 1.0).abs() < MIRRORED, "{west:?} {east:?}");
     }
@@ -225,7 +225,7 @@ fn a_cloud_follows_the_skys_sun() {
     let (live_east, source) = halves(&mut renderer, 0.0, 20.0);
     assert_eq!(source, SunSource::Live);
     for (a, b) in [(baked_west[0], live_east[1]), (baked_west[1], live_east[0])] {
-        assert!((a / b - 1.0).abs() < 0.5 * MIRRORED, "{baked_west:?} {live_east:?}");
+        assert!((a / b - 1.0).abs() < 0.2 * MIRRORED, "{baked_west:?} {live_east:?}");
     }
     assert_eq!(halves(&mut renderer, 0.0, -8.0).1, SunSource::Down);
 }

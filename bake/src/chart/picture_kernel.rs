@@ -206,8 +206,10 @@ impl Kernel for PictureSet {
     /// A clip's shares.
     type Scratch = (Vec<f64>, Vec<f32>);
 
-    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
-        Pose::new(self, footprint).map(|pose| pose.bounds())
+    type Placed = Footprint;
+
+    fn place(&self, footprint: &Footprint) -> Option<(Clip, Footprint)> {
+        Pose::new(self, footprint).map(|pose| (pose.bounds(), *footprint))
     }
 
     fn draw(

@@ -3,10 +3,11 @@
 
 use super::clock::seconds;
 use super::picture_kernel::PictureSet;
+use super::rain_baselines::{ParticleSystem, Rainfall, ScreenGrid};
 use super::{Cost, Point, Sweep};
 use crate::error::BakeError;
 use crate::evaluate::relative_l2;
-use crate::input::picture::read_grey;
+use crate::input::picture::{Grey, read_grey};
 use crate::plan::density::bake_density;
 use crate::progress::Progress;
 use crate::streak::{FitSettings, Method, Source, fit_all};
@@ -16,19 +17,21 @@ use squall_formats::section::streak::{StreakPattern, StreakSection};
 use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::picture::Picture;
-use squall_runtime::rain::{Kernel, Rain, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
+use squall_runtime::rain::{Clip, Kernel, Rain, Scene, Shot, SmoothWindow, Surroundings, Weather, Workspace};
 use squall_runtime::shade::streak::StreakSet;
 use std::path::PathBuf;
 
 const RMSE: &str = "streaks' light, relative RMSE";
 const TIME: &str = "a frame, CPU ms";
 
+/// What is read against what.
 pub const PAIRS: &[(&str, &str)] = &[(RMSE, TIME)];
 
-/// The reference's pixels along each side of a frame's, and along each side of those the samples of a picture.
-const SAMPLES: u32 = 4;
-const PER_SAMPLE: u32 = 4;
-const EXPOSURE: Seconds = Seconds(0.02);
+/// The reference's pixels along each side of a frame's.
+pub const SAMPLES: u32 = 4;
+/// Samples of a picture along each side of one of the reference's pixels.
+pub const PER_SAMPLE: u32 = 4;
+pub(super) const EXPOSURE: Seconds = Seconds(0.02);
 const REPEATS: usize = 5;
 /// Streaks' lengths, px.
 const LENGTHS_PX: [f64; 2] = [10.0, 200.0];
@@ -36,14 +39,17 @@ const LENGTHS_PX: [f64; 2] = [10.0, 200.0];
 /// one sample a pixel is then off, 2 % at 8, no pattern can help.
 const GAIN: f64 = 1.0;
 /// \[weber\] table 1, GeForce GTX 980, 20 ms: frames a second at 2, 5, 25 and 75 mm/h, by horizontal field of view.
-const TABLE_1: [(f64, [f64; 4]); 4] = [
+pub(super) const TABLE_1: [(f64, [f64; 4]); 4] = [
     (120.0, [60.0, 48.0, 37.0, 30.0]),
     (100.0, [55.0, 45.0, 35.0, 27.0]),
     (80.0, [50.0, 42.0, 31.0, 24.0]),
     (60.0, [45.0, 39.0, 28.0, 22.0]),
 ];
-const RATES: [f64; 4] = [2.0, 5.0, 25.0, 75.0];
+pub(super) const RATES: [f64; 4] = [2.0, 5.0, 25.0, 75.0];
 
+/// The chart's points.
+///
+/// Errors: a picture that is missing or damaged, an interruption.
 pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, BakeError> {
     let Some(rain) = &task.recipe.rain else { return Ok(Vec::new()) };
     if rain.pictures.is_empty() {
@@ -72,7 +78,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let rates = rates.into_iter().filter(|&rate| (own.rate[0].0..=own.rate[1].0).contains(&rate));
     let fovs: &[f64] = if task.quick { &[60.0] } else { &[60.0, 80.0, 100.0, 120.0] };
     let cases: Vec<(f64, f64)> = rates.flat_map(|rate| fovs.iter().map(move |&fov| (rate, fov))).collect();
-    progress.begin("chart rain-frame", (cases.len() * (counts.len() + 4)) as u64);
+    progress.begin("chart rain-frame", (cases.len() * (counts.len() + 7)) as u64);
     let reference = PictureSet::new(&pictures, PER_SAMPLE);
     let mut patterns: Vec<(String, bool, bool, Vec<StreakPattern>)> = Vec::new();
     for &cosines in &counts {
@@ -80,11 +86,12 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         let name = format!("edges, {cosines} cosines");
         patterns.push((name, chosen, false, fit(Method::Edges, cosines)?));
     }
+    patterns.push(("separable, 2 products".into(), false, false, fit(Method::Separable, 0)?));
     patterns.push(("paper, 6 cosines".into(), false, true, fit(Method::Paper, 6)?));
     let mut points = Vec::new();
     for (rate, fov) in cases {
         let size = if task.quick { [320, 180] } else { [960, 540] };
-        let view = View { section: &section, rate, fov, size };
+        let view = View { section: &section, rate, fov, size, lengths_px: LENGTHS_PX };
         let truth = view.supersampled(&reference)?;
         let samples = SAMPLES * PER_SAMPLE;
         let words = format!(
@@ -107,9 +114,19 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         add("no pattern", "a smooth window".into(), false, false, view.measure(&SmoothWindow, &truth)?);
         for (name, chosen, baseline, patterns) in &patterns {
             let set = StreakSet::new(&StreakSection { patterns: patterns.clone() });
-            let series = if *baseline { "paper's cosines" } else { "edges" };
+            let series = match (baseline, name.split(',').next()) {
+                (true, _) => "paper's cosines",
+                (false, Some("separable")) => "separable",
+                _ => "edges",
+            };
             add(series, name.clone(), *chosen, *baseline, view.measure(&set, &truth)?);
         }
+        // Neither has drops that stand in the world: they have a cost and no error.
+        let paper = patterns.last().map_or(&[][..], |(.., patterns)| patterns.as_slice());
+        let [grid, system] = view.baselines(paper, &pictures)?;
+        let words = "Algorithm 1 as printed: a grid on the screen, 6 cosines".to_owned();
+        add("Algorithm 1", words, false, true, (f64::NAN, grid));
+        add("particle system", "particles, textures".into(), false, true, (f64::NAN, system));
         let table = TABLE_1.iter().find(|(table_fov, _)| *table_fov == fov);
         let place = RATES.iter().position(|&r| r == rate);
         if let (Some((_, fps)), Some(place)) = (table, place) {
@@ -124,11 +141,33 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 }
 
 /// A moment of rain.
-struct View<'a> {
-    section: &'a DensitySection,
-    rate: f64,
-    fov: f64,
-    size: [u32; 2],
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// The drops.
+    pub section: &'a DensitySection,
+    /// mm/h.
+    pub rate: f64,
+    /// Vertical, degrees.
+    pub fov: f64,
+    /// Pixels across and down.
+    pub size: [u32; 2],
+    /// Shortest and longest streak, px.
+    pub lengths_px: [f64; 2],
+}
+
+/// What a frame took.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawn {
+    /// Streaks found.
+    pub streaks: usize,
+    /// Pixels that they touch, one by one, summed over the streaks.
+    pub covered: usize,
+    /// Finding them, ms of this thread.
+    pub find_ms: f64,
+    /// Drawing them.
+    pub draw_ms: f64,
+    /// Memory that both keep.
+    pub bytes: usize,
 }
 
 impl View<'_> {
@@ -146,21 +185,92 @@ impl View<'_> {
         workspace: &mut Workspace,
         picture: &mut Picture,
     ) -> Result<(), BakeError> {
+        self.find(samples, workspace)?;
+        self.lay(samples, kernel, workspace, picture)
+    }
+
+    fn find(&self, samples: u32, workspace: &mut Workspace) -> Result<(), BakeError> {
         let camera = self.camera(samples)?;
-        let [shortest, longest] = LENGTHS_PX.map(|length| length * f64::from(samples));
-        let shot = Shot { min_px: shortest, max_px: longest, ..Shot::new(&camera, EXPOSURE) };
+        let shot = self.shot(samples, &camera);
         let weather =
             Weather::steady(MillimetresPerHour(self.rate), DVec3::new(2.0, -1.0, 0.0), Seconds(10.0));
-        let rain = Rain::new(self.section, 7);
-        rain.find(&shot, &weather, None, workspace)?;
+        Rain::new(self.section, 7).find(&shot, &weather, None, workspace)?;
+        Ok(())
+    }
+
+    fn shot<'c>(&self, samples: u32, camera: &'c Camera) -> Shot<'c> {
+        let [shortest, longest] = self.lengths_px.map(|length| length * f64::from(samples));
+        Shot { min_px: shortest, max_px: longest, ..Shot::new(camera, EXPOSURE) }
+    }
+
+    fn lay<K: Kernel>(
+        &self,
+        samples: u32,
+        kernel: &K,
+        workspace: &mut Workspace,
+        picture: &mut Picture,
+    ) -> Result<(), BakeError> {
+        let camera = self.camera(samples)?;
+        let shot = self.shot(samples, &camera);
         picture.pixels.fill([0.0; 3]);
         let light = Surroundings { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
         workspace.draw(&shot, &Scene { depth: None, kernel, light: &light, gain: GAIN }, picture)?;
         Ok(())
     }
 
+    /// What the frame takes \[weber\]'s Algorithm 1 with `patterns` and a particle system with `textures`, ms.
+    ///
+    /// Errors: a frame of no size.
+    pub fn baselines(&self, patterns: &[StreakPattern], textures: &[Grey]) -> Result<[Cost; 2], BakeError> {
+        let Self { rate, fov, size, lengths_px, .. } = *self;
+        let rain = Rainfall { rate, fov, size, lengths_px, exposure: EXPOSURE };
+        let mut picture = Picture::new(size[0] as usize, size[1] as usize)?;
+        let grid = ScreenGrid::new(&rain, patterns);
+        // A frame of it takes seconds: once is enough.
+        let (_, screen) = seconds(1, || {
+            picture.pixels.fill([0.0; 3]);
+            grid.draw(10.0, &mut picture)
+        });
+        let mut system = ParticleSystem::new(rain);
+        let (_, particles) = seconds(REPEATS, || {
+            picture.pixels.fill([0.0; 3]);
+            system.update(1.0 / 60.0);
+            system.draw(textures, &mut picture)
+        });
+        Ok([screen.times(1e3), particles.times(1e3)])
+    }
+
+    /// What finding and drawing the frame's streaks takes; the median of `repeats`, after a first frame that allocates.
+    ///
+    /// Errors: a frame of no size, rain beyond the section's.
+    pub fn time<K: Kernel + Sync>(&self, kernel: &K, repeats: usize) -> Result<Drawn, BakeError> {
+        let mut picture = Picture::new(self.size[0] as usize, self.size[1] as usize)?;
+        let mut workspace = Workspace::new();
+        self.draw(1, kernel, &mut workspace, &mut picture)?;
+        let (done, find) = seconds(repeats, || self.find(1, &mut workspace));
+        done?;
+        let (done, draw) = seconds(repeats, || self.lay(1, kernel, &mut workspace, &mut picture));
+        done?;
+        let whole = Clip { left: 0, top: 0, right: self.size[0] as i32, bottom: self.size[1] as i32 };
+        let (mut covered, mut scratch) = (0, K::Scratch::default());
+        for streak in workspace.streaks() {
+            if let Some((_, placed)) = kernel.place(&streak.footprint()) {
+                kernel.draw(&placed, whole, &mut scratch, &mut |span| covered += span.count);
+            }
+        }
+        Ok(Drawn {
+            streaks: workspace.streaks().len(),
+            covered,
+            find_ms: 1e3 * find.median,
+            draw_ms: 1e3 * draw.median,
+            bytes: workspace.bytes(),
+        })
+    }
+
     /// The frame with many samples a pixel.
-    fn supersampled<K: Kernel>(&self, kernel: &K) -> Result<Vec<f32>, BakeError> {
+    ///
+    /// Errors: as [`View::time`].
+    pub fn supersampled<K: Kernel>(&self, kernel: &K) -> Result<Vec<f32>, BakeError> {
         let [width, height] = self.size.map(|side| side as usize);
         let samples = SAMPLES as usize;
         let mut picture = Picture::new(width * samples, height * samples)?;
@@ -174,7 +284,10 @@ impl View<'_> {
         Ok(sums.into_iter().map(|sum| sum * share).collect())
     }
 
-    fn measure<K: Kernel + Sync>(&self, kernel: &K, truth: &[f32]) -> Result<(f64, Cost), BakeError> {
+    /// Relative error against `truth`, and what finding and drawing take together, ms.
+    ///
+    /// Errors: as [`View::time`].
+    pub fn measure<K: Kernel + Sync>(&self, kernel: &K, truth: &[f32]) -> Result<(f64, Cost), BakeError> {
         let [width, height] = self.size.map(|side| side as usize);
         let mut picture = Picture::new(width, height)?;
         let mut workspace = Workspace::new();
@@ -200,7 +313,8 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/storm/streaks/drop10.png");
         let pictures = [read_grey(&file).unwrap()];
         let section = bake_density(&DensitySpec::default()).unwrap();
-        let view = View { section: &section, rate: 25.0, fov: 60.0, size: [240, 135] };
+        let view =
+            View { section: &section, rate: 25.0, fov: 60.0, size: [240, 135], lengths_px: LENGTHS_PX };
         let truth = view.supersampled(&PictureSet::new(&pictures, PER_SAMPLE)).unwrap();
         let error_of = |cosines: usize| {
             let source = Source { file: &file, picture: &pictures[0], notes: None };

@@ -206,7 +206,7 @@ fn figures(
 ) -> Result<Figures, BakeError> {
     let find = |tag| sections.iter().find(|section| section.tag == tag);
     let streaks = find(StreakSection::TAG).map(|section| {
-        StreakSection::read(&section.to_bytes(), StreakSection::VERSION, &Default::default())
+        StreakSection::read(&section.to_bytes(), section.version, &Default::default())
             .map_err(|error| BakeError::bytes(Path::new("(memory)"), error))
     });
     let response = find(ResponseSection::TAG).map(OutSection::length);

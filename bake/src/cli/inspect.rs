@@ -11,6 +11,7 @@ use squall_formats::container::{Entry, FORMAT_VERSION};
 use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::{DensitySection, Mode};
+use squall_formats::section::place::PlaceSection;
 use squall_formats::section::provenance::{BudgetRecord, ProvenanceSection};
 use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::response::{
@@ -224,6 +225,10 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
             let section = asset.section(entry.tag, "streak patterns", StreakSection::read)?;
             let terms: usize = section.patterns.iter().map(|pattern| pattern.pattern.terms()).sum();
             format!("streaks: {} patterns, {terms} terms", section.patterns.len())
+        }
+        PlaceSection::TAG => {
+            let [x, y, z] = asset.section(entry.tag, "the place", PlaceSection::read)?.origin_m;
+            format!("place: the ground at ({x}, {y}, {z}) m")
         }
         RainPlaceSection::TAG => {
             let place = asset.section(entry.tag, "the place of rain", RainPlaceSection::read)?;

@@ -1,9 +1,10 @@
 //! `--max-error METRIC=VALUE`: bounds on measured figures, and warnings about figures that nobody bounded.
 
+use glam::DVec3;
 use squall_bake::BakeError;
 use squall_bake::metrics::{Figures, METRICS, Metric, metric};
 use squall_bake::recipe::{Clouds, Recipe};
-use squall_formats::section::response::DistantKind;
+use squall_formats::section::response::{DistantKind, SUN_TOLERANCE_RAD, towards_sun};
 
 /// A stroke's error above this is worth a warning: a quarter of its light is somewhere else.
 const WORTH_A_WARNING: f64 = 0.25;
@@ -64,9 +65,25 @@ fn sky_warning(recipe: &Recipe, clouds: &Clouds) -> Option<String> {
                 .into(),
         );
     }
-    let beam = clouds.distant.iter().any(|kind| matches!(kind, DistantKind::Beam { .. }));
-    let up = sky.sun_elevation_rad > 0.0;
-    (up && !beam && clouds.sun.is_none()).then(|| {
+    if sky.sun_elevation_rad <= 0.0 || clouds.sun.is_some() {
+        return None;
+    }
+    let beams = clouds.distant.iter().filter_map(|kind| match kind {
+        DistantKind::Beam { direction } => Some(-DVec3::from_array(*direction)),
+        _ => None,
+    });
+    let towards = DVec3::from_array(towards_sun(sky.sun_azimuth_rad, sky.sun_elevation_rad));
+    let away = beams.map(|beam| beam.angle_between(towards)).reduce(f64::min);
+    if let Some(away) = away {
+        return (away > SUN_TOLERANCE_RAD).then(|| {
+            format!(
+                "the view's sun stands {:.1}° from that of sun_direction, and its light on the cloud is solved for whenever the \
+                 view is drawn: sun = \"view\" in its place would bake it",
+                away.to_degrees()
+            )
+        });
+    }
+    Some({
         "the view's sun does not light the cloud: sun = \"view\", a path or \"anywhere\" in [clouds.response] would".into()
     })
 }

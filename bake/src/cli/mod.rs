@@ -23,6 +23,7 @@ mod query;
 mod rain;
 mod relight;
 mod render;
+mod sky;
 mod solve;
 mod streaks;
 mod synth;

@@ -3,6 +3,7 @@
 mod flashes;
 mod layers;
 mod sequence;
+mod weather;
 
 use super::asset;
 use super::common::Common;
@@ -10,6 +11,7 @@ use super::folder;
 use super::json;
 use super::picture::{Format, PictureFile, Sheet};
 use super::progress::Bars;
+use super::sky::SkyArgs;
 use flashes::Timeline;
 use sequence::Sequence;
 use serde_json::{Value, json};
@@ -62,6 +64,8 @@ pub struct Args {
     /// Stops to brighten (or, negative, darken) a .png by.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = stops)]
     stops: f32,
+    #[command(flatten)]
+    sky: SkyArgs,
     /// Samples along each side of a pixel of the town.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: u32,
@@ -95,6 +99,8 @@ pub struct Args {
     /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
     layers: Vec<Layer>,
+    #[command(flatten)]
+    weather: weather::Weather,
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
@@ -140,13 +146,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
     let camera = args.camera.as_deref().map(read_camera).transpose()?;
     let camera = camera.map(|(_, camera)| camera);
-    let view = view_of(&args, camera.as_ref(), &renderer)?;
+    let mut view = view_of(&args, camera.as_ref(), &renderer)?;
+    args.weather.set_view(&mut view);
     view.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
     let mut frame = Frame::from(&view);
     if let Some(camera) = camera {
         frame.camera = camera.resized(view.camera.size_px)?;
     }
     frame.quality.town.samples = args.samples;
+    args.weather.set_frame(&mut frame);
     if let Some(milliseconds) = args.exposure_ms {
         frame.exposure = Seconds(milliseconds * 1e-3);
         frame.check()?;
@@ -289,6 +297,7 @@ fn view_of(args: &Args, camera: Option<&Camera>, renderer: &StormRenderer) -> an
             return Err(BakeError::input(&args.asset, "view", wanted, "none of them").into());
         }
     };
+    args.sky.apply(&mut view.sky);
     if let Some(rate) = args.rate {
         view.rain.rate_mm_per_h = rate;
     }

@@ -9,6 +9,7 @@ use squall_bake::input;
 use squall_bake::output::{Output, Place, folder_of};
 use squall_bake::provenance::tool;
 use squall_bake::synth::cloud::{CloudKind, synth_cloud};
+use squall_bake::synth::streak::scene::Scene;
 use squall_bake::synth::streak::write_streaks;
 use squall_bake::synth::stroke::stroke_json;
 use squall_bake::synth::town::synth_town;
@@ -66,6 +67,9 @@ pub struct Streaks {
     /// Seed; the same seed gives the same bytes.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// What they show: level views in any light, or sets of one kind for drops to choose from: overcast, backlit, lamp, up.
+    #[arg(long, default_value = "mixed", value_parser = ["mixed", "overcast", "backlit", "lamp", "up"])]
+    scene: String,
     /// How many pictures; the first ones are the same for any number.
     #[arg(long, default_value_t = 12)]
     count: usize,
@@ -188,9 +192,10 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
         }
         Synth::Streaks(arguments) => {
             let bars = Bars::new(false);
-            let Streaks { out, seed, count, .. } = arguments;
-            let files =
-                OutputFolder::prepare(&out)?.write(|out| Ok(write_streaks(out, seed, count, &bars)?))?;
+            let Streaks { out, scene, seed, count, .. } = arguments;
+            let scene = Scene::from_name(&scene).unwrap_or(Scene::Mixed);
+            let files = OutputFolder::prepare(&out)?
+                .write(|out| Ok(write_streaks(out, scene, seed, count, &bars)?))?;
             bars.finish();
             (seed, files)
         }

@@ -5,6 +5,7 @@ use crate::density::error_at_nodes;
 use crate::error::BakeError;
 use crate::input::Fingerprint;
 use crate::input::picture::{Grey, grey_of, picture_file};
+use crate::input::streak_notes::StreakNotes;
 use crate::plan::density::bake_chosen;
 use crate::plan::streaks::{COUNTS, ChosenPattern, METHODS, choose_pattern, stored_bytes};
 use crate::progress::Progress;
@@ -67,7 +68,7 @@ fn streaks(recipe: &Recipe, rain: &Rain, progress: &dyn Progress) -> Result<Stag
     };
     let made = format!("{} patterns of {terms} cosines in all", patterns.len());
     let section = StreakSection { patterns };
-    let section = OutSection::small(StreakSection::TAG, StreakSection::VERSION, false, section.write());
+    let section = OutSection::small(StreakSection::TAG, section.version(), false, section.write());
     let error = format!("PSNR {mean:.1} dB, worst {worst:.1} dB");
     let report = clock.report("streaks", made, section.length(), error);
     Ok(StageOutput { sections: vec![section], inputs, budgets: vec![budget], reports: vec![report] })
@@ -137,14 +138,23 @@ fn fit_streaks(rain: &Rain, progress: &dyn Progress) -> Result<(Vec<Fitted>, Opt
         progress.check()?;
         let input = picture_file(path)?;
         let picture = grey_of(&input, rain.layer.as_deref())?.picture;
+        let shown = StreakNotes::of(&input)?;
         let input = input.fingerprint();
+        let told = |mut pattern: StreakPattern| {
+            if let Some(StreakNotes { drop, scene }) = shown {
+                (pattern.notes, pattern.scene) = (Some(drop), Some(scene));
+                pattern = pattern.quantised();
+            }
+            pattern
+        };
         let source = Source { file: path, picture: &picture, notes: None };
         let Some(asked) = rain.psnr_db else {
-            let pattern = fit(&source, rain.fit)?;
+            let pattern = told(fit(&source, rain.fit)?);
             progress.advance(1);
             return Ok(Fitted { chosen: ChosenPattern { pattern, cheaper: None }, input });
         };
-        let chosen = choose_pattern(&source, methods, asked)?;
+        let mut chosen = choose_pattern(&source, methods, asked)?;
+        chosen.pattern = told(chosen.pattern);
         progress.advance(1);
         let psnr_db = chosen.pattern.psnr_db;
         let mut worst = worst.lock().unwrap_or_else(PoisonError::into_inner);

@@ -6,7 +6,7 @@ use crate::input::picture::{grey_of, picture_file};
 use crate::input::scene::read_scene;
 use crate::input::{Fingerprint, Input};
 use crate::provenance::input_record;
-use crate::recipe::model::{Rain, RainMapSource, RainMapSpec, Recipe};
+use crate::recipe::model::{Rain, RainMapSource, RainMapSpec, Recipe, Shower};
 use squall_formats::section::rain_place::{MOST_SIDE, RainMapRecord, RainPlaceSection};
 use squall_runtime::transport::Cloud;
 use std::path::Path;
@@ -46,6 +46,66 @@ pub(super) fn place(recipe: &Recipe, rain: &Rain) -> Result<StageOutput, BakeErr
 }
 
 fn map(recipe: &Recipe, spec: &RainMapSpec) -> Result<(RainMapRecord, Option<Fingerprint>), BakeError> {
+    let (map, input) = map_alone(recipe, spec)?;
+    let showered = with_showers(map, &spec.showers).ok_or_else(|| {
+        let wanted = format!("a map of at most {MOST_SIDE} cells a side with its showers");
+        BakeError::input(&recipe.file, "rain.map.showers", wanted, "more")
+    })?;
+    Ok((showered, input))
+}
+
+/// The map with showers, larger where they reach beyond it; `None` where that is too large.
+fn with_showers(map: RainMapRecord, showers: &[Shower]) -> Option<RainMapRecord> {
+    if showers.is_empty() {
+        return Some(map);
+    }
+    // Whole cells on each side.
+    let mut beyond = [[0.0f64; 2]; 2];
+    for shower in showers {
+        let reach = shower.radius_m + shower.softness_m;
+        for axis in 0..2 {
+            let low = (shower.centre_m[axis] - reach - map.origin_m[axis]) / map.cell_m;
+            let high = (shower.centre_m[axis] + reach - map.origin_m[axis]) / map.cell_m;
+            beyond[axis][0] = beyond[axis][0].max((-low).ceil());
+            beyond[axis][1] = beyond[axis][1].max((high - f64::from(map.size[axis])).ceil());
+        }
+    }
+    let size = [0, 1].map(|axis| f64::from(map.size[axis]) + beyond[axis][0] + beyond[axis][1]);
+    if size.iter().any(|side| *side > f64::from(MOST_SIDE)) {
+        return None;
+    }
+    let size = size.map(|side| side as u32);
+    let skipped = beyond.map(|ends| ends[0] as u32);
+    let origin_m = [0, 1].map(|axis| map.origin_m[axis] - beyond[axis][0] * map.cell_m);
+    let own = map.rates();
+    let rates: Vec<f32> = (0..size[0] * size[1])
+        .map(|at| {
+            let cell = [at % size[0], at / size[0]];
+            let inner = [0, 1].map(|axis| cell[axis].wrapping_sub(skipped[axis]));
+            let within = inner[0] < map.size[0] && inner[1] < map.size[1];
+            let mut rate = if within { own[(inner[1] * map.size[0] + inner[0]) as usize] } else { 0.0 };
+            for shower in showers {
+                let [dx, dy] = [0, 1].map(|axis| {
+                    origin_m[axis] + (f64::from(cell[axis]) + 0.5) * map.cell_m - shower.centre_m[axis]
+                });
+                let outside = (dx * dx + dy * dy).sqrt() - shower.radius_m;
+                let share = if outside <= 0.0 {
+                    1.0
+                } else if outside < shower.softness_m {
+                    1.0 - outside / shower.softness_m
+                } else {
+                    0.0
+                };
+                rate = rate.max((shower.rate_mm_per_h * share) as f32);
+            }
+            rate
+        })
+        .collect();
+    let (heaviest_mm_per_h, steps) = RainMapRecord::quantise(&rates);
+    Some(RainMapRecord { origin_m, size, heaviest_mm_per_h, steps, ..map })
+}
+
+fn map_alone(recipe: &Recipe, spec: &RainMapSpec) -> Result<(RainMapRecord, Option<Fingerprint>), BakeError> {
     match &spec.source {
         RainMapSource::File { path, cells, origin_m, cell_m } => {
             let (size, rates, input) = read(path, *cells)?;

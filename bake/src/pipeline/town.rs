@@ -7,6 +7,7 @@ use crate::input::town::town_of;
 use crate::provenance::input_record;
 use crate::recipe::model::Recipe;
 use squall_formats::section::bolt::BoltSection;
+use squall_formats::section::place::PlaceSection;
 
 /// The town's section, if the recipe names one.
 ///
@@ -23,10 +24,11 @@ pub(super) fn town(recipe: &Recipe) -> Result<StageOutput, BakeError> {
     Ok(StageOutput { sections: vec![section], inputs, reports: vec![report], ..StageOutput::default() })
 }
 
-/// The recipe's picture and strokes.
+/// The recipe's picture, strokes and place.
 pub(super) fn scenery(recipe: &Recipe) -> StageOutput {
     let view = recipe.view.iter().map(|view| view.write());
     let strokes =
         (!recipe.strokes.is_empty()).then(|| BoltSection { strokes: recipe.strokes.clone() }.write());
-    StageOutput { sections: view.chain(strokes).collect(), ..StageOutput::default() }
+    let place = recipe.place_m.map(|origin_m| PlaceSection { origin_m }.write());
+    StageOutput { sections: view.chain(strokes).chain(place).collect(), ..StageOutput::default() }
 }

@@ -69,9 +69,10 @@ pub fn lowest_sun(site: &Site<'_>) -> Result<f64, BakeError> {
     if !recipe.strokes.is_empty() {
         sections.push(BoltSection { strokes: recipe.strokes.clone() }.write());
     }
-    let place = match recipe.town {
-        Some(_) => Place::default(),
-        None => Place::of(&in_memory(&sections)?)?,
+    let place = match (recipe.place_m, &recipe.town) {
+        (Some(origin), _) => Place { origin: DVec3::from_array(origin) },
+        (None, Some(_)) => Place::default(),
+        (None, None) => Place::of(&in_memory(&sections)?)?,
     };
     let height = (site.cloud.far_corner().z - place.origin.z).max(0.0);
     let dip = libm::acos(EARTH_RADIUS / (EARTH_RADIUS + height));

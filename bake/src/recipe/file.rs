@@ -24,6 +24,7 @@ struct RecipeFile {
     #[serde(default)]
     strokes: Vec<Spanned<StrokeFile>>,
     town: Option<TownFile>,
+    place: Option<PlaceFile>,
     view: Option<Spanned<ViewFile>>,
 }
 
@@ -31,6 +32,12 @@ struct RecipeFile {
 #[serde(deny_unknown_fields)]
 struct TownFile {
     file: Spanned<PathBuf>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlaceFile {
+    origin_m: Spanned<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -84,6 +91,7 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     if let Some(clouds) = &clouds {
         check_held_out(clouds, !strokes.is_empty(), &source)?;
     }
+    let place_m = file.place.map(|place| place.check(&source)).transpose()?;
     let town = file.town.map(|town| source.beside("town.file", &town.file)).transpose()?;
     if clouds.is_none() && rain.is_none() && strokes.is_empty() && town.is_none() {
         let wanted = "at least one of [clouds], [rain], [town] and [[strokes]]";
@@ -112,7 +120,7 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         let found = view.rain.rate_mm_per_h;
         return Err(source.error(span, "view.rain.rate_mm_per_h", wanted, found.to_string()).into());
     }
-    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, view })
+    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, place_m, view })
 }
 
 /// A recipe that frames a picture and says nothing of the sky's light on its cloud gets the light of the sky that the picture shows. A
@@ -161,6 +169,17 @@ fn check_view(
 ) -> Result<ViewSection, RecipeError> {
     let span = view.span();
     view.into_inner().check(source, span, strokes)
+}
+
+impl PlaceFile {
+    fn check(self, source: &Source) -> Result<[f64; 3], RecipeError> {
+        let origin_m = *self.origin_m.get_ref();
+        if origin_m.iter().all(|at| at.abs() <= 1e9) {
+            return Ok(origin_m);
+        }
+        let wanted = "three numbers, -1e9 to 1e9 m";
+        Err(source.error(self.origin_m.span(), "place.origin_m", wanted, format!("{origin_m:?}")))
+    }
 }
 
 /// Reads a file that holds a view alone.

@@ -26,6 +26,8 @@ pub struct Recipe {
     pub strokes: Vec<StrokeRecord>,
     /// Town file, JSON.
     pub town: Option<PathBuf>,
+    /// The point of the ground that the scene stands on, m: the town's own origin.
+    pub place_m: Option<[f64; 3]>,
     /// The picture that the recipe frames.
     pub view: Option<ViewSection>,
 }
@@ -127,6 +129,21 @@ pub struct RainMapSpec {
     pub top_m: Option<f64>,
     /// Height over which it fades above that, m.
     pub softness_m: f64,
+    /// Rain beside the map's own: a place has whichever is heavier.
+    pub showers: Vec<Shower>,
+}
+
+/// Even rain in a disc.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shower {
+    /// Its middle, x and y, m.
+    pub centre_m: [f64; 2],
+    /// Radius of full rain and width of its edge, m.
+    pub radius_m: f64,
+    /// Width of the edge outside that.
+    pub softness_m: f64,
+    /// mm/h.
+    pub rate_mm_per_h: f64,
 }
 
 /// Where a map of rain comes from.

@@ -1,6 +1,6 @@
 //! `[rain.map]` of a recipe, as it is typed and checked.
 
-use super::model::{RainMapSource, RainMapSpec};
+use super::model::{RainMapSource, RainMapSpec, Shower};
 use super::number::Number;
 use super::place::Source;
 use crate::error::RecipeError;
@@ -21,6 +21,17 @@ pub(super) struct RainMapFile {
     top_m: Option<Number>,
     top_softness_m: Option<Number>,
     least_water: Option<Number>,
+    #[serde(default)]
+    showers: Vec<Spanned<ShowerFile>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ShowerFile {
+    centre_m: [f64; 2],
+    radius_m: Number,
+    softness_m: Option<Number>,
+    rate_mm_per_h: Number,
 }
 
 /// Share of the wettest column's water below which a column rains nothing, where a recipe says none.
@@ -68,7 +79,9 @@ impl RainMapFile {
             let wanted = "the rate of the heaviest rain, mm/h";
             return Err(source.error(whole(), key("rate_mm_per_h"), wanted, "nothing"));
         }
-        Ok(RainMapSpec { source: map, rate_mm_per_h: rate, top_m: top, softness_m: softness })
+        let showers =
+            self.showers.iter().map(|shower| shower_of(source, shower)).collect::<Result<_, _>>()?;
+        Ok(RainMapSpec { source: map, rate_mm_per_h: rate, top_m: top, softness_m: softness, showers })
     }
 
     fn of_file(&self, source: &Source, file: &Spanned<PathBuf>) -> Result<RainMapSource, RecipeError> {
@@ -107,4 +120,27 @@ impl RainMapFile {
         let cell_m = source.number("rain.map.cell_m", &self.cell_m, 1.0, [1e-3, 1e7], "m")?;
         Ok(RainMapSource::File { path, cells, origin_m, cell_m })
     }
+}
+
+fn shower_of(source: &Source, shower: &Spanned<ShowerFile>) -> Result<Shower, RecipeError> {
+    let file = shower.get_ref();
+    if !file.centre_m.iter().all(|at| (-1e7..=1e7).contains(at)) {
+        let (field, found) = ("rain.map.showers.centre_m", format!("{:?}", file.centre_m));
+        return Err(source.error(shower.span(), field, "two numbers within ±1e7 m", found));
+    }
+    let number = |field: &str, value: &Option<Number>, default: f64, range: [f64; 2], unit: &str| {
+        source.number(&format!("rain.map.showers.{field}"), value, default, range, unit)
+    };
+    Ok(Shower {
+        centre_m: file.centre_m,
+        radius_m: number("radius_m", &Some(file.radius_m.clone()), 0.0, [0.0, 1e7], "m")?,
+        softness_m: number("softness_m", &file.softness_m, 0.0, [0.0, 1e7], "m")?,
+        rate_mm_per_h: number(
+            "rate_mm_per_h",
+            &Some(file.rate_mm_per_h.clone()),
+            0.0,
+            [1e-3, 1000.0],
+            "mm/h",
+        )?,
+    })
 }

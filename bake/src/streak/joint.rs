@@ -208,6 +208,7 @@ fn round_in_stages(mut model: Model, samples: &Samples) -> CosinePattern {
             psnr_db: 0.0,
             ssim: 0.0,
             notes: None,
+            scene: None,
             pattern: Pattern::Cosines(model.pattern()),
         };
         match streak.quantised().pattern {

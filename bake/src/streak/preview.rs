@@ -54,20 +54,25 @@ fn encode_light(light: f32) -> f32 {
 /// Writes values from 0 to 1 as an 8-bit grey PNG.
 pub fn write_png8(picture: &Grey, out: &mut impl Write) -> std::io::Result<()> {
     let bytes: Vec<u8> = picture.pixels.iter().map(|&value| (value * 255.0).round() as u8).collect();
-    write_png(picture, png::BitDepth::Eight, None, &bytes, out)
+    write_png(picture, png::BitDepth::Eight, (None, None), &bytes, out)
 }
 
 /// Writes values from 0 to 1 as a 16-bit grey PNG, linear, with `text` as its description.
-pub fn write_png16(picture: &Grey, text: &str, out: &mut impl Write) -> std::io::Result<()> {
+pub fn write_png16(
+    picture: &Grey,
+    text: &str,
+    notes: Option<&str>,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     let sample = |value: &f32| ((value.clamp(0.0, 1.0) * 65_535.0).round() as u16).to_be_bytes();
     let bytes: Vec<u8> = picture.pixels.iter().flat_map(sample).collect();
-    write_png(picture, png::BitDepth::Sixteen, Some(text), &bytes, out)
+    write_png(picture, png::BitDepth::Sixteen, (Some(text), notes), &bytes, out)
 }
 
 fn write_png(
     picture: &Grey,
     depth: png::BitDepth,
-    text: Option<&str>,
+    (text, notes): (Option<&str>, Option<&str>),
     bytes: &[u8],
     out: &mut impl Write,
 ) -> std::io::Result<()> {
@@ -77,6 +82,9 @@ fn write_png(
     encoder.set_compression(png::Compression::High);
     if let Some(text) = text {
         encoder.add_text_chunk("Description".into(), text.into())?;
+    }
+    if let Some(notes) = notes {
+        encoder.add_text_chunk(crate::input::streak_notes::KEYWORD.into(), notes.into())?;
     }
     let mut writer = encoder.write_header()?;
     writer.write_image_data(bytes)?;

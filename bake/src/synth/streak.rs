@@ -9,18 +9,22 @@
 //! parallel.
 
 mod optics;
+pub mod scene;
 mod shape;
 mod surroundings;
 
 use crate::error::BakeError;
 use crate::input::picture::Grey;
+use crate::input::streak_notes::StreakNotes;
 use crate::output::write_atomically;
 use crate::progress::Progress;
 use crate::streak::preview::write_png16;
 use glam::DVec3;
 use rayon::prelude::*;
+use scene::Scene;
 use shape::{DropShape, Mode};
 use squall_formats::drops::fall_speed;
+use squall_formats::section::streak::{DropNotes, SceneNotes};
 use squall_formats::units::Millimetres;
 use squall_runtime::random::{Random, hash};
 use std::f64::consts::{PI, TAU};
@@ -74,6 +78,8 @@ impl FallingDrop {
 pub struct SynthStreak {
     /// What fell.
     pub drop: FallingDrop,
+    /// How it was lit and looked at, in a set of one kind.
+    pub notes: Option<SceneNotes>,
     /// The light, brightest pixel 1.
     pub picture: Grey,
 }
@@ -85,19 +91,53 @@ pub struct SynthStreak {
 pub fn synth_streak(seed: u64, index: usize) -> SynthStreak {
     let (drop, surroundings) = plan(seed, index);
     let picture = expose(&drop, &|direction| surroundings.radiance(direction), surroundings.mean());
-    SynthStreak { drop, picture }
+    SynthStreak { drop, notes: None, picture }
+}
+
+/// Shortest and longest fall of a drop in a set of one kind, diameters: from its image alone to a long exposure's.
+const FALLS: [f64; 2] = [1.0, 30.0];
+
+/// How far the drop of picture `index` falls, diameters: even in the logarithm over a set's pictures.
+pub fn fall_of(scene: Scene, seed: u64, index: usize) -> f64 {
+    if scene == Scene::Mixed {
+        return plan(seed, index).0.diameters;
+    }
+    FALLS[0] * libm::pow(FALLS[1] / FALLS[0], spread(seed, index)[1])
+}
+
+/// Picture `index` of `seed` in the set `scene`; the same whatever is made beside it. Falls of 1 to 30 diameters, short ones as many
+/// as long ones, so that short exposures and near drops find themselves too.
+pub fn scene_streak(scene: Scene, seed: u64, index: usize) -> SynthStreak {
+    if scene == Scene::Mixed {
+        return synth_streak(seed, index);
+    }
+    let mut random = Random::from_parts(&[seed, index as u64, 0x7363_656E_65, scene as u64]);
+    let spread = spread(seed, index);
+    let shape = DropShape::new(SMALLEST * libm::pow(LARGEST / SMALLEST, spread[0]), modes(&mut random));
+    let diameters = fall_of(scene, seed, index);
+    let pitch_deg = scene.pitch_deg(&mut random);
+    let drop = FallingDrop { shape, diameters, pitch: pitch_deg.to_radians() };
+    let light = scene.light(&mut random, [spread[2], spread[3]], pitch_deg);
+    let surroundings = Surroundings::new(&mut random, light.as_slice());
+    let picture = expose(&drop, &|direction| surroundings.radiance(direction), surroundings.mean());
+    SynthStreak { drop, notes: Some(scene::notes(pitch_deg, light.as_ref())), picture }
+}
+
+/// Four numbers in [0, 1) for picture `index`: Kronecker's sequence of the plastic number's four-dimensional kin spreads each run of
+/// pictures.
+fn spread(seed: u64, index: usize) -> [f64; 4] {
+    const STEPS: [f64; 4] =
+        [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_038_087, 0.538_597_257_224_361];
+    std::array::from_fn(|axis| {
+        let start = (hash(&[seed, axis as u64]) >> 11) as f64 / (1u64 << 53) as f64;
+        (start + STEPS[axis] * index as f64).fract()
+    })
 }
 
 /// What falls, and where.
 fn plan(seed: u64, index: usize) -> (FallingDrop, Surroundings) {
     let mut random = Random::from_parts(&[seed, index as u64, 0x7374_7265_616B]);
-    // Kronecker's sequence of the plastic number's four-dimensional kin spreads each run of pictures.
-    const STEPS: [f64; 4] =
-        [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_038_087, 0.538_597_257_224_361];
-    let spread: [f64; 4] = std::array::from_fn(|axis| {
-        let start = (hash(&[seed, axis as u64]) >> 11) as f64 / (1u64 << 53) as f64;
-        (start + STEPS[axis] * index as f64).fract()
-    });
+    let spread = spread(seed, index);
     let between = |low: f64, high: f64, share: f64| low + (high - low) * share;
     // Small drops are many: even in the logarithm.
     let diameter = SMALLEST * libm::pow(LARGEST / SMALLEST, spread[0]);
@@ -213,13 +253,15 @@ struct Seen {
     light: f64,
 }
 
-/// Makes pictures 0 to `count` − 1 of `seed` and writes them into `folder` as `drop00.png`, `drop01.png`, …: 16-bit
-/// linear grey, with what fell as a text chunk. Returns the files in order.
+/// Makes pictures 0 to `count` − 1 of `seed` in the set `scene` and writes them into `folder` as `drop00.png`, `drop01.png`, … (of
+/// other sets than the mixed one as `backlit00.png` and so on): 16-bit linear grey, with what fell as a text chunk, and with how it was
+/// lit and looked at as another. Returns the files in order.
 ///
 /// Errors: a count of 0 or above 10 000, a folder that cannot be made or written into, an interruption; whole
 /// pictures made before it stay.
 pub fn write_streaks(
     folder: &Path,
+    scene: Scene,
     seed: u64,
     count: usize,
     progress: &dyn Progress,
@@ -235,14 +277,23 @@ pub fn write_streaks(
     let mut files = Vec::with_capacity(count);
     for index in 0..count {
         progress.check()?;
-        let streak = synth_streak(seed, index);
+        let streak = scene_streak(scene, seed, index);
+        let set = if scene == Scene::Mixed { String::new() } else { format!(" --scene {}", scene.name()) };
         let text = format!(
-            "Streak of a drop of {:.3} mm in {:.3} ms; squall synth streaks --seed {seed}, picture {index}",
+            "Streak of a drop of {:.3} mm in {:.3} ms; squall synth streaks{set} --seed {seed}, picture {index}",
             streak.drop.diameter_mm(),
             1e3 * streak.drop.exposure()
         );
-        let path = folder.join(format!("drop{index:02}.png"));
-        write_atomically(&path, |out| write_png16(&streak.picture, &text, out))?;
+        let stem = if scene == Scene::Mixed { "drop" } else { scene.name() };
+        let path = folder.join(format!("{stem}{index:02}.png"));
+        let notes = streak.notes.map(|scene| {
+            let drop = DropNotes {
+                diameter_mm: streak.drop.diameter_mm(),
+                exposure_ms: 1e3 * streak.drop.exposure(),
+            };
+            StreakNotes { drop, scene }.to_json()
+        });
+        write_atomically(&path, |out| write_png16(&streak.picture, &text, notes.as_deref(), out))?;
         files.push(path);
         progress.advance(1);
     }

@@ -3,6 +3,7 @@
 use super::bolt::BoltSection;
 use super::cloud::CloudSection;
 use super::density::DensitySection;
+use super::place::PlaceSection;
 use super::provenance::ProvenanceSection;
 use super::rain_place::RainPlaceSection;
 use super::response::{ResponseSection, check_stream, coefficient_planes};
@@ -30,6 +31,7 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
     match tag {
         BoltSection::TAG => drop(BoltSection::read(bytes, version, limits)?),
         DensitySection::TAG => drop(DensitySection::read(bytes, version, limits)?),
+        PlaceSection::TAG => drop(PlaceSection::read(bytes, version, limits)?),
         ProvenanceSection::TAG => drop(ProvenanceSection::read(bytes, version, limits)?),
         RainPlaceSection::TAG => drop(RainPlaceSection::read(bytes, version, limits)?),
         TownSection::TAG => drop(TownSection::read(bytes, version, limits)?),

@@ -54,8 +54,8 @@ impl RainMapRecord {
     fn check(&self) -> Result<(), (&'static str, &'static str, String)> {
         let within = |value: f64, low: f64, high: f64| value >= low && value <= high;
         let Self { origin_m, cell_m, size, heaviest_mm_per_h, top_m, steps } = self;
-        if !origin_m.iter().all(|&at| within(at, -1e7, 1e7)) {
-            return Err(("map.origin_m", "within -1e7 to 1e7 m", format!("{origin_m:?}")));
+        if !origin_m.iter().all(|&at| within(at, -1e9, 1e9)) {
+            return Err(("map.origin_m", "within -1e9 to 1e9 m", format!("{origin_m:?}")));
         }
         if !within(*cell_m, 1e-3, 1e7) {
             return Err(("map.cell_m", "0.001 to 1e7 m", cell_m.to_string()));

@@ -1,4 +1,4 @@
-//! `STRK` v1: streak patterns. Bytes: SPEC.md, "STRK".
+//! `STRK` v2: streak patterns. Bytes: SPEC.md, "STRK".
 //!
 //! A pattern is a drop's streak in its own picture: u across, v along the fall, both 0 to 1, (0, 0) the top
 //! left corner. What a pattern's numbers mean stands here beside how they are stored, because the fit and
@@ -121,6 +121,19 @@ pub struct DropNotes {
     pub exposure_ms: f64,
 }
 
+/// What a drop was lit by and how it was looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneNotes {
+    /// Elevation of the line of sight, degrees, −90 to 90 in steps of 1; above 0 looks up.
+    pub view_elevation_deg: f64,
+    /// Share of one light in the irradiance of all, 0 to 1 in steps of 1/255; 0 is an overcast sky alone.
+    pub light_share: f64,
+    /// Where that light stands, from straight behind the drop toward the right, degrees, −180 to 180 in steps of 1.
+    pub light_azimuth_deg: f64,
+    /// Its elevation, degrees, −90 to 90 in steps of 1.
+    pub light_elevation_deg: f64,
+}
+
 /// The light of a streak over its picture; brightest source pixel 1.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Pattern {
@@ -181,6 +194,8 @@ pub struct StreakPattern {
     pub ssim: f64,
     /// The drop, where it is known.
     pub notes: Option<DropNotes>,
+    /// Its light and the line of sight, where they are known.
+    pub scene: Option<SceneNotes>,
     /// The light.
     pub pattern: Pattern,
 }
@@ -189,7 +204,7 @@ impl StreakPattern {
     /// The pattern as it comes back from a file.
     pub fn quantised(&self) -> Self {
         let section = StreakSection { patterns: vec![self.clone()] };
-        let read = StreakSection::read(&section.write(), 1, &Limits::default());
+        let read = StreakSection::read(&section.write(), section.version(), &Limits::default());
         // What `write` saturates into range, `read` accepts.
         read.ok().and_then(|mut section| section.patterns.pop()).unwrap_or_else(|| self.clone())
     }
@@ -197,7 +212,7 @@ impl StreakPattern {
     /// Bytes by which the section grows for this pattern, name and notes included.
     pub fn stored_bytes(&self) -> usize {
         let with = StreakSection { patterns: vec![self.clone()] }.write().len();
-        with - StreakSection { patterns: vec![] }.write().len()
+        with - StreakSection::default().write().len()
     }
 }
 
@@ -225,17 +240,30 @@ struct Record {
     notes: Option<[u16; 2]>,
 }
 
+/// A record of version 2: one of version 1, then elevation of the view, share, azimuth and elevation of the light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct SceneRecord {
+    record: Record,
+    scene: Option<(i8, u8, i16, i8)>,
+}
+
 const BODY_STEPS: f64 = 255.0;
 const MEAN_STEPS: f64 = 16_384.0;
 const PSNR_STEPS: f64 = 100.0;
 const SSIM_STEPS: f64 = 32_767.0;
 const NOTE_STEPS: f64 = 1000.0;
+const SHARE_STEPS: f64 = 255.0;
 
 impl StreakSection {
     /// The section's tag.
     pub const TAG: Tag = TAG;
     /// Newest version that this build writes and reads.
-    pub const VERSION: u16 = 1;
+    pub const VERSION: u16 = 2;
+
+    /// Version of [`StreakSection::write`]'s bytes: 1 where no pattern says what it was lit by, 2 otherwise.
+    pub fn version(&self) -> u16 {
+        if self.patterns.iter().any(|pattern| pattern.scene.is_some()) { 2 } else { 1 }
+    }
 
     /// Reads a section.
     ///
@@ -243,7 +271,13 @@ impl StreakSection {
     /// method that this build does not know, any number outside its range.
     pub fn read(bytes: &[u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
         check_version(Self::TAG, version, Self::VERSION)?;
-        let (records, pool): (Vec<Record>, Vec<u8>) = meta::decode(Self::TAG, bytes, limits)?;
+        let (records, pool): (Vec<SceneRecord>, Vec<u8>) = match version {
+            1 => {
+                let (records, pool): (Vec<Record>, Vec<u8>) = meta::decode(Self::TAG, bytes, limits)?;
+                (records.into_iter().map(|record| SceneRecord { record, scene: None }).collect(), pool)
+            }
+            _ => meta::decode(Self::TAG, bytes, limits)?,
+        };
         if records.len() as u64 > limits.patterns {
             return Err(ReadError::OverLimit {
                 section: Self::TAG,
@@ -252,7 +286,7 @@ impl StreakSection {
                 allowed: limits.patterns,
             });
         }
-        let terms: u64 = records.iter().map(|record| u64::from(record.terms)).sum();
+        let terms: u64 = records.iter().map(|record| u64::from(record.record.terms)).sum();
         if terms > limits.pattern_terms {
             return Err(ReadError::OverLimit {
                 section: Self::TAG,
@@ -271,13 +305,46 @@ impl StreakSection {
     /// The section's bytes. Numbers are rounded to their steps and saturate at the ends of their ranges.
     pub fn write(&self) -> Vec<u8> {
         let mut pool = Vec::new();
-        let records: Vec<Record> =
+        let records: Vec<SceneRecord> =
             self.patterns.iter().map(|pattern| write_pattern(pattern, &mut pool)).collect();
+        if self.version() == 1 {
+            let records: Vec<Record> = records.into_iter().map(|record| record.record).collect();
+            return meta::encode(&(records, pool));
+        }
         meta::encode(&(records, pool))
     }
 }
 
-fn read_pattern(record: &Record, pool: &mut Cursor) -> Result<StreakPattern, ReadError> {
+fn read_scene((view, share, azimuth, elevation): (i8, u8, i16, i8)) -> Result<SceneNotes, ReadError> {
+    let [view_elevation_deg, light_elevation_deg] = [view, elevation].map(f64::from);
+    let light_azimuth_deg = f64::from(azimuth);
+    for (field, degrees, most) in [
+        ("elevation of the view", view_elevation_deg, 90.0),
+        ("azimuth of the light", light_azimuth_deg, 180.0),
+        ("elevation of the light", light_elevation_deg, 90.0),
+    ] {
+        if degrees.abs() > most {
+            return Err(invalid(field, "within ±90°, an azimuth within ±180°", degrees));
+        }
+    }
+    let light_share = f64::from(share) / SHARE_STEPS;
+    Ok(SceneNotes { view_elevation_deg, light_share, light_azimuth_deg, light_elevation_deg })
+}
+
+fn write_scene(scene: &SceneNotes) -> (i8, u8, i16, i8) {
+    let degrees = |value: f64, most: i64| nearest(value, -most, most) as i16;
+    (
+        degrees(scene.view_elevation_deg, 90) as i8,
+        nearest(scene.light_share * SHARE_STEPS, 0, 255) as u8,
+        degrees(scene.light_azimuth_deg, 180),
+        degrees(scene.light_elevation_deg, 90) as i8,
+    )
+}
+
+fn read_pattern(
+    SceneRecord { record, scene }: &SceneRecord,
+    pool: &mut Cursor,
+) -> Result<StreakPattern, ReadError> {
     let (kind, method) = (record.kind_and_method >> 4, record.kind_and_method & 15);
     let kind =
         Kind::from_code(kind).ok_or_else(|| invalid("pattern kind", "0 (flat) to 4 (separable)", kind))?;
@@ -324,11 +391,12 @@ fn read_pattern(record: &Record, pool: &mut Cursor) -> Result<StreakPattern, Rea
             diameter_mm: f64::from(diameter) / NOTE_STEPS,
             exposure_ms: f64::from(exposure) / NOTE_STEPS,
         }),
+        scene: scene.map(read_scene).transpose()?,
         pattern,
     })
 }
 
-fn write_pattern(streak: &StreakPattern, pool: &mut Vec<u8>) -> Record {
+fn write_pattern(streak: &StreakPattern, pool: &mut Vec<u8>) -> SceneRecord {
     let mut name = streak.name.replace(char::is_control, "_");
     while name.len() > MAX_NAME {
         name.pop();
@@ -346,7 +414,7 @@ fn write_pattern(streak: &StreakPattern, pool: &mut Vec<u8>) -> Record {
     };
     let ((left, right), (top, bottom)) = (span(streak.body.u), span(streak.body.v));
     let note = |value: f64| nearest(value * NOTE_STEPS, 0, 65_535) as u16;
-    Record {
+    let record = Record {
         kind_and_method: (streak.pattern.kind() as u8) << 4 | streak.method as u8,
         terms: streak.pattern.terms().min(MAX_TERMS) as u16,
         size_px: streak.size_px.map(|side| side.max(1)),
@@ -356,7 +424,8 @@ fn write_pattern(streak: &StreakPattern, pool: &mut Vec<u8>) -> Record {
         ssim: nearest(streak.ssim * SSIM_STEPS, -32_767, 32_767) as i16,
         name_bytes: name.len() as u8,
         notes: streak.notes.map(|notes| [note(notes.diameter_mm), note(notes.exposure_ms)]),
-    }
+    };
+    SceneRecord { record, scene: streak.scene.as_ref().map(write_scene) }
 }
 
 #[cfg(test)]

@@ -18,9 +18,9 @@ pub struct CoverMap {
     origin: DVec3,
     cell: f64,
     size: [usize; 2],
-    tops: Vec<f32>,
+    tops: Arc<[f32]>,
     /// `None` where everything is solid down to the ground.
-    undersides: Option<Vec<f32>>,
+    undersides: Option<Arc<[f32]>>,
     highest: f64,
     holes: usize,
 }
@@ -93,7 +93,13 @@ impl CoverMap {
             }
             highest = highest.max(f64::from(top));
         }
+        let (tops, undersides) = (tops.into(), undersides.map(Into::into));
         Ok(Self { origin, cell: cell.0, size, tops, undersides, highest, holes })
+    }
+
+    /// The same covers measured from another point.
+    pub(crate) fn measured_from(&self, point: DVec3) -> Self {
+        Self { origin: self.origin - point, ..self.clone() }
     }
 
     /// Cells that are open sky because they hold no number.

@@ -1,7 +1,7 @@
 //! How one streak's coverage lies on pixels: the seam between drops and patterns.
 
 /// A streak's place in the picture, and nothing else: what a kernel draws.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Footprint {
     /// Middle of the drawn path, px; pixel (i, j) has its centre at (i + ½, j + ½).
     pub centre: [f64; 2],
@@ -13,6 +13,12 @@ pub struct Footprint {
     pub width: f64,
     /// Which pattern: uniform 32 bits, the same for a drop's whole life.
     pub pattern: u32,
+    /// The drop's diameter, mm; 0 where it is not known.
+    pub diameter_mm: f64,
+    /// Elevation of the line of sight, degrees.
+    pub elevation_deg: f64,
+    /// Share of one light in all that lights the drop, and the angle between the line of sight and the way to it, degrees.
+    pub light: [f64; 2],
 }
 
 /// A rectangle of pixels, right and bottom excluded.
@@ -47,8 +53,11 @@ pub trait Kernel: Sync {
     /// Working memory, one per thread, kept from frame to frame.
     type Scratch: Default + Send + Sync + 'static;
 
-    /// Pixels that a footprint may touch; `None` when it draws nothing.
-    fn bounds(&self, footprint: &Footprint) -> Option<Clip>;
+    /// What is worked out of a footprint once, for however many clips.
+    type Placed: Copy + Default + Send + Sync + 'static;
+
+    /// A footprint ready to be drawn, and the pixels that it may touch; `None` when it draws nothing.
+    fn place(&self, footprint: &Footprint) -> Option<(Clip, Self::Placed)>;
 
     /// Hands the footprint's part inside `clip` to `put`, each pixel once, in any order.
     ///
@@ -57,7 +66,7 @@ pub trait Kernel: Sync {
     /// into clips.
     fn draw(
         &self,
-        footprint: &Footprint,
+        placed: &Self::Placed,
         clip: Clip,
         scratch: &mut Self::Scratch,
         put: &mut impl FnMut(Span),

@@ -9,6 +9,28 @@ use squall_formats::drops::Optics;
 pub trait RainLight: Sync {
     /// Radiance of a drop at `distance` metres along the camera's ray, W/(m² sr) per colour.
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3];
+
+    /// The one light that counts most for the look of a drop there; none under an even sky. It picks patterns, and adds no light.
+    fn main_light(&self, _ray: &Ray, _distance: f64) -> Option<MainLight> {
+        None
+    }
+}
+
+/// A light among all that lights a drop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MainLight {
+    /// Unit vector from the drop to it.
+    pub towards: DVec3,
+    /// Its share in the irradiance of all, 0 to 1.
+    pub share: f64,
+}
+
+impl MainLight {
+    /// A light of `irradiance` under an even sky of mean radiance `around`.
+    pub fn new(towards: DVec3, irradiance: f64, around: f64) -> Option<Self> {
+        let share = irradiance / (irradiance + std::f64::consts::PI * around.max(0.0));
+        share.is_finite().then_some(Self { towards, share })
+    }
 }
 
 impl<F: Fn(&Ray, f64) -> [f32; 3] + Sync> RainLight for F {
@@ -44,6 +66,12 @@ impl Surroundings {
 }
 
 impl RainLight for Surroundings {
+    fn main_light(&self, _ray: &Ray, _distance: f64) -> Option<MainLight> {
+        let mean = |light: &[f32; 3]| light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0;
+        let around = 0.5 * (mean(&self.above) + mean(&self.below));
+        MainLight::new(-self.flash_direction, mean(&self.flash_irradiance), around)
+    }
+
     fn radiance(&self, ray: &Ray, _distance: f64) -> [f32; 3] {
         let rise = ray.direction.z.clamp(-1.0, 1.0);
         let horizon = Self::HORIZON_SHARE * (1.0 - rise * rise);

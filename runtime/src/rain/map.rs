@@ -11,10 +11,11 @@
 use super::volume::Ceiling;
 use crate::camera::Ray;
 use crate::error::RuntimeError;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use squall_formats::drops::SLOPE_POWER;
 use squall_formats::section::rain_place::RainMapRecord;
 use squall_formats::units::{Metres, MillimetresPerHour};
+use std::sync::Arc;
 
 /// Most cells along a side.
 const MOST_SIDE: usize = 4096;
@@ -27,7 +28,7 @@ pub struct RainMap {
     size: [usize; 2],
     heaviest: MillimetresPerHour,
     /// Extinction over the heaviest rain's, with a border of dry cells around.
-    extinction: Vec<f32>,
+    extinction: Arc<[f32]>,
     top: Option<Ceiling>,
 }
 
@@ -77,7 +78,13 @@ impl RainMap {
             extinction[place] = libm::pow(share, -3.0 * SLOPE_POWER) as f32;
         }
         let heaviest = MillimetresPerHour(f64::from(heaviest));
-        Ok(Self { origin, cell: cell.0, size, heaviest, extinction, top })
+        Ok(Self { origin, cell: cell.0, size, heaviest, extinction: extinction.into(), top })
+    }
+
+    /// The same map measured from another point.
+    pub(crate) fn measured_from(&self, point: DVec3) -> Self {
+        let top = self.top.map(|top| Ceiling { height: Metres(top.height.0 - point.z), ..top });
+        Self { origin: self.origin - point.truncate(), top, ..self.clone() }
     }
 
     /// The map of an asset. Errors: as [`RainMap::new`].

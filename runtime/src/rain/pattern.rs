@@ -2,10 +2,14 @@
 
 use super::kernel::{Clip, Footprint, Kernel, Span};
 use super::window::SmoothWindow;
+use crate::shade::streak::choice::Conditions;
 use crate::shade::streak::{self, StreakSet, Tile};
 
 /// Pixels that the picture works on together: spans are padded to whole blocks.
 const BLOCK: usize = 4;
+
+/// Share of the shortest pattern's length over its width below which none of them stands for a streak.
+const TOO_SHORT: f64 = 0.5;
 
 /// Working memory for drawing patterns; grows to the largest tile and is then reused.
 #[derive(Clone, Debug, Default)]
@@ -21,7 +25,8 @@ impl PatternScratch {
     }
 }
 
-/// Draws a footprint as pattern number `footprint.pattern` modulo their number: the pattern's body takes the
+/// Draws a footprint as the pattern that [`crate::shade::streak::choice`] picks, or, of a set that says nothing of its pictures, as
+/// pattern number `footprint.pattern` modulo their number: the pattern's body takes the
 /// drop's whole path, from a radius before its first place to a radius after its last, and its width.
 ///
 /// The pattern's light is divided by its sum, so that shares add up to 1 at any size; what cosines undershoot
@@ -29,39 +34,68 @@ impl PatternScratch {
 /// [`SmoothWindow`]s.
 impl Kernel for StreakSet {
     type Scratch = PatternScratch;
+    type Placed = PlacedPattern;
 
-    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
-        match self.of_footprint(footprint) {
-            Some(kernel) => {
-                let [left, top, right, bottom] = StreakSet::bounds(self, &kernel)?;
-                Some(Clip { left, top, right, bottom })
-            }
-            None => SmoothWindow.bounds(footprint),
-        }
+    fn place(&self, footprint: &Footprint) -> Option<(Clip, PlacedPattern)> {
+        let Some(kernel) = self.of_footprint(footprint) else {
+            let (clip, plain) = SmoothWindow.place(footprint)?;
+            return Some((clip, PlacedPattern { plain: Some(plain), ..PlacedPattern::default() }));
+        };
+        let streak = self.placed(&kernel)?;
+        let [left, top, right, bottom] = streak.bounds;
+        Some((Clip { left, top, right, bottom }, PlacedPattern { streak, plain: None }))
     }
 
     fn draw(
         &self,
-        footprint: &Footprint,
+        placed: &PlacedPattern,
         clip: Clip,
         scratch: &mut PatternScratch,
         put: &mut impl FnMut(Span),
     ) {
-        let Some(kernel) = self.of_footprint(footprint) else {
-            return SmoothWindow.draw(footprint, clip, &mut (), put);
-        };
-        let Some([left, top, right, bottom]) = StreakSet::bounds(self, &kernel) else { return };
+        if let Some(plain) = &placed.plain {
+            return SmoothWindow.draw(plain, clip, &mut (), put);
+        }
+        let [left, top, right, bottom] = placed.streak.bounds;
         let origin = [left.max(clip.left), top.max(clip.top)];
-        let (end, floor) = (right.min(clip.right), bottom.min(clip.bottom));
-        if end <= origin[0] || floor <= origin[1] {
+        let end = [right.min(clip.right), bottom.min(clip.bottom)];
+        if end[0] <= origin[0] || end[1] <= origin[1] {
             return;
         }
-        let [width, height] = [(end - origin[0]) as usize, (floor - origin[1]) as usize];
+        let rows = [[origin[0], end[0]], [origin[1], end[1]]];
+        // Lines of a thin streak that stands rather upright are rows already.
+        let drawn = self.draw_rows(&placed.streak, rows, &mut scratch.streak, |y, x, count, shares| {
+            put(Span { x, y, count, shares });
+        });
+        if !drawn {
+            self.draw_patch(&placed.streak, origin, end, scratch, put);
+        }
+    }
+}
+
+/// A footprint's streak: a pattern's, or a plain one where there is no light.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlacedPattern {
+    streak: streak::PlacedStreak,
+    plain: Option<Footprint>,
+}
+
+impl StreakSet {
+    /// Draws a streak into a patch of memory and hands that on row by row.
+    fn draw_patch(
+        &self,
+        placed: &streak::PlacedStreak,
+        origin: [i32; 2],
+        end: [i32; 2],
+        scratch: &mut PatternScratch,
+        put: &mut impl FnMut(Span),
+    ) {
+        let [width, height] = [0, 1].map(|axis| (end[axis] - origin[axis]) as usize);
         let PatternScratch { patch, streak } = scratch;
         patch.clear();
         // The last span's padding may reach past the last row.
         patch.resize(width * height + BLOCK, 0.0);
-        self.add(&kernel, &mut Tile { origin, width, alpha: &mut patch[..width * height] }, streak);
+        self.add_placed(placed, &mut Tile { origin, width, alpha: &mut patch[..width * height] }, streak);
         for (row, y) in (0..height).zip(origin[1]..) {
             let line = &patch[row * width..][..width];
             // A leaning streak is a narrow part of its box.
@@ -76,12 +110,27 @@ impl Kernel for StreakSet {
             put(Span { x: origin[0] + first as i32, y, count, shares: padded });
         }
     }
-}
 
-impl StreakSet {
     /// The streak that stands for a footprint; `None` where there is no light to draw it with.
     fn of_footprint(&self, footprint: &Footprint) -> Option<streak::StreakPlacement> {
-        let pattern = footprint.pattern.checked_rem(self.len() as u32)?;
+        let pattern = match self.choice() {
+            // A long pattern squeezed into a few diameters is a flat rectangle: a swept disc is nearer.
+            None if 1.0 + footprint.length / footprint.width < TOO_SHORT * self.shortest_aspect() => {
+                return None;
+            }
+            None => footprint.pattern.checked_rem(self.len() as u32)?,
+            Some(choice) => {
+                let [light_share, light_angle_deg] = footprint.light;
+                let conditions = Conditions {
+                    aspect: 1.0 + footprint.length / footprint.width,
+                    diameter_mm: footprint.diameter_mm,
+                    view_elevation_deg: footprint.elevation_deg,
+                    light_share,
+                    light_angle_deg,
+                };
+                choice.pick(&conditions, footprint.pattern)
+            }
+        };
         let mean = self.mean(pattern);
         let (length, width) = (footprint.length + footprint.width, footprint.width);
         let weight = (1.0 / (length * width * f64::from(mean))) as f32;
@@ -121,7 +170,8 @@ mod tests {
     /// What lands in the picture; each pixel may be put once, inside the clip, and padded.
     fn pixels(set: &StreakSet, footprint: &Footprint, clip: Clip, scratch: &mut PatternScratch) -> Vec<f32> {
         let mut pixels = vec![f32::NAN; (SIDE * SIDE) as usize];
-        Kernel::draw(set, footprint, clip, scratch, &mut |span| {
+        let Some((_, placed)) = set.place(footprint) else { return vec![0.0; pixels.len()] };
+        Kernel::draw(set, &placed, clip, scratch, &mut |span| {
             assert!(span.count >= 1 && span.shares.len() % BLOCK == 0 && span.shares.len() >= span.count);
             assert!(span.x >= clip.left && span.x + span.count as i32 <= clip.right);
             assert!((clip.top..clip.bottom).contains(&span.y));
@@ -146,6 +196,7 @@ mod tests {
             length,
             width,
             pattern: random.bits() as u32,
+            ..Footprint::default()
         }
     }
 
@@ -171,7 +222,14 @@ mod tests {
             for step in 0..=10 {
                 // From the middle of column 159 to the middle of column 160.
                 let centre = [159.5 + 0.1 * f64::from(step), 160.2];
-                let footprint = Footprint { centre, axis: [0.0, 1.0], length: 60.0, width, pattern: 0 };
+                let footprint = Footprint {
+                    centre,
+                    axis: [0.0, 1.0],
+                    length: 60.0,
+                    width,
+                    pattern: 0,
+                    ..Footprint::default()
+                };
                 let drawn = pixels(&set, &footprint, ALL, &mut scratch);
                 let column =
                     |x: i32| (0..SIDE).map(|y| f64::from(drawn[(y * SIDE + x) as usize])).sum::<f64>();
@@ -204,7 +262,7 @@ mod tests {
                 tiled.iter_mut().zip(tile).for_each(|(sum, value)| *sum += value);
             }
             let allowed = LINES * whole.iter().copied().fold(0.0, f32::max);
-            let bounds = Kernel::bounds(&set, &footprint).unwrap();
+            let bounds = set.place(&footprint).unwrap().0;
             for (i, (&a, &b)) in whole.iter().zip(&tiled).enumerate() {
                 let (x, y) = (i as i32 % SIDE, i as i32 / SIDE);
                 let within = x >= bounds.left && x < bounds.right && y >= bounds.top && y < bounds.bottom;
@@ -221,7 +279,8 @@ mod tests {
             for _ in 0..50 {
                 let (length, width) = (random.range(20.0, 90.0), libm::exp2(random.range(-3.0, 4.0)));
                 let footprint = footprint(&mut random, length, width);
-                Kernel::draw(&set, &footprint, ALL, scratch, &mut |_| ());
+                let (_, placed) = set.place(&footprint).unwrap();
+                Kernel::draw(&set, &placed, ALL, scratch, &mut |_| ());
             }
             scratch.bytes()
         };
@@ -241,11 +300,10 @@ mod tests {
             SmoothWindow.draw(&footprint, ALL, &mut (), &mut |span| plain.push((span.x, span.y, span.count)));
             let mut drawn = vec![];
             let scratch = &mut PatternScratch::default();
-            Kernel::draw(&set, &footprint, ALL, scratch, &mut |span| {
-                drawn.push((span.x, span.y, span.count))
-            });
+            let (clip, placed) = set.place(&footprint).unwrap();
+            Kernel::draw(&set, &placed, ALL, scratch, &mut |span| drawn.push((span.x, span.y, span.count)));
             assert!(!plain.is_empty() && plain == drawn);
-            assert_eq!(Kernel::bounds(&set, &footprint), SmoothWindow.bounds(&footprint));
+            assert_eq!(clip, SmoothWindow.place(&footprint).unwrap().0);
         }
     }
 }

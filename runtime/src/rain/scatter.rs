@@ -1,5 +1,8 @@
 //! Draws streaks: into bands of rows, band by band and tile by tile, so that a pixel is written by one thread
 //! and sees its streaks in the order of the list.
+//!
+//! A streak is laid straight over the picture and into the mask: what it costs is its covered pixels and its visits to tiles. A
+//! tile's part of both fits a core's second cache, and a streak of a hundred pixels meets two or three.
 
 use super::kernel::{Clip, Footprint, Kernel, Span};
 use super::{RainLight, Shot, Streak, Workspace};
@@ -10,15 +13,15 @@ use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use std::any::Any;
 
-/// Tile width and height, px: the accumulators of one tile fit a core's own cache, and a streak of a hundred
-/// pixels crosses few of them.
-const TILE: [usize; 2] = [32, 32];
+/// Tile width and height, px: 16 bytes a pixel of picture and mask, an eighth of a megabyte.
+const TILE: [usize; 2] = [128, 64];
+/// Pixels of 12 bytes in a line of the cache.
+const PER_LINE: usize = 5;
 /// Pixels that are worked on together, one vector register wide; drawn spans are padded to whole blocks.
 const BLOCK: usize = 4;
-/// A row of accumulators has room for a block that starts on its last pixel.
-const STRIDE: usize = TILE[0] + BLOCK;
-const PLANE: usize = STRIDE * TILE[1];
 const LANES: [f32; BLOCK] = [0.0, 1.0, 2.0, 3.0];
+/// Pixels whose depth is looked at together.
+const SEEN: usize = 64;
 
 /// What streaks are drawn with and into.
 pub struct Scene<'a, K, L> {
@@ -33,29 +36,33 @@ pub struct Scene<'a, K, L> {
 }
 
 /// Reusable memory for drawing.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Canvas {
     radiance: Vec<[f32; 3]>,
     boxes: Vec<TileBox>,
     /// Where each tile's streaks start in `order`; one more than there are tiles.
     starts: Vec<u32>,
     order: Vec<u32>,
-    bands: Vec<Band>,
+    /// The kernel's working memory, one for each band: whatever type the last kernel had.
+    bands: Vec<Box<dyn Any + Send + Sync>>,
+    /// What the last kernel made of each streak, of a type of its own too, and its bytes.
+    placed: Box<dyn Any + Send + Sync>,
+    placed_bytes: usize,
     mask: Vec<f32>,
 }
 
-/// One band's accumulators, for a tile at a time.
-#[derive(Debug)]
-struct Band {
-    /// Four planes: light of the streaks, three colours, and the share of background that they leave.
-    layers: Vec<f32>,
-    /// The kernel's working memory: whatever type the last kernel had.
-    scratch: Box<dyn Any + Send + Sync>,
-}
-
-impl Default for Band {
+impl Default for Canvas {
     fn default() -> Self {
-        Self { layers: vec![0.0; 4 * PLANE], scratch: Box::new(()) }
+        Self {
+            radiance: Vec::new(),
+            boxes: Vec::new(),
+            starts: Vec::new(),
+            order: Vec::new(),
+            bands: Vec::new(),
+            placed: Box::new(()),
+            placed_bytes: 0,
+            mask: Vec::new(),
+        }
     }
 }
 
@@ -63,9 +70,8 @@ impl Default for Band {
 type TileBox = [u32; 4];
 const NOWHERE: TileBox = [1, 0, 1, 0];
 
-/// The tiles that a streak's kernel can touch.
-fn tiles_of<K: Kernel>(kernel: &K, footprint: &Footprint, grid: [usize; 2]) -> TileBox {
-    let Some(Clip { left, top, right, bottom }) = kernel.bounds(footprint) else { return NOWHERE };
+/// The tiles that a clip touches.
+fn tiles_of(Clip { left, top, right, bottom }: Clip, grid: [usize; 2]) -> TileBox {
     let mut tiles = NOWHERE;
     for (axis, (low, end)) in [(left, right), (top, bottom)].into_iter().enumerate() {
         let (first, last) = (low.max(0) / TILE[axis] as i32, end.saturating_sub(1) / TILE[axis] as i32);
@@ -117,68 +123,72 @@ impl Workspace {
             return Err(RuntimeError::argument("gain", "a finite number from 0", scene.gain));
         }
         let grid = [size[0].div_ceil(TILE[0]), size[1].div_ceil(TILE[1])];
-        self.canvas.prepare(camera, scene, &self.streaks, grid);
-        self.canvas.sort_into_tiles(grid);
-        self.canvas.bands.resize_with(grid[1].max(self.canvas.bands.len()), Band::default);
-        self.canvas.mask.resize(size[0] * size[1], 0.0);
-
-        let Canvas { radiance, starts, order, bands, mask, .. } = &mut self.canvas;
-        let list = TileList { streaks: &self.streaks, radiance, starts, order };
-        let rows = size[0] * TILE[1];
-        let secants = camera.secants();
-        let paint = |(index, ((band, pixels), mask)): Job| {
-            let Band { layers, scratch } = band;
-            if !scratch.is::<K::Scratch>() {
-                *scratch = Box::new(K::Scratch::default());
-            }
-            let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
-            let mut brush = Brush { layers, scratch, secants: &secants, scene };
-            for column in 0..grid[0] {
-                let tile = TilePlace {
-                    x: column * TILE[0],
-                    y: index * TILE[1],
-                    width: TILE[0].min(size[0] - column * TILE[0]),
-                    height: pixels.len() / size[0],
-                };
-                let mine = list.of(index * grid[0] + column);
-                brush.paint_tile(&list, mine, tile);
-                brush.apply(tile, size[0], pixels, mask);
-            }
-        };
-        let pixels = picture.pixels.par_chunks_mut(rows);
-        bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
+        self.canvas.draw(camera, scene, &self.streaks, grid, picture);
         Ok(())
     }
 }
 
-/// A band's number, its accumulators, its pixels and its part of the mask.
-type Job<'a> = (usize, ((&'a mut Band, &'a mut [[f32; 3]]), &'a mut [f32]));
+impl Canvas {
+    fn draw<K: Kernel, L: RainLight>(
+        &mut self,
+        camera: &Camera,
+        scene: &Scene<K, L>,
+        streaks: &[Streak],
+        grid: [usize; 2],
+        picture: &mut Picture,
+    ) {
+        let mut placed = match std::mem::replace(&mut self.placed, Box::new(())).downcast::<Vec<K::Placed>>()
+        {
+            Ok(placed) => placed,
+            Err(_) => Box::default(),
+        };
+        self.prepare(camera, scene, streaks, grid, &mut placed);
+        self.sort_into_tiles(grid);
+        self.bands.resize_with(grid[1].max(self.bands.len()), || Box::new(K::Scratch::default()));
+        let width = picture.width;
+        self.mask.resize(width * picture.height, 0.0);
 
-#[derive(Clone, Copy)]
-struct TilePlace {
-    x: usize,
-    y: usize,
-    width: usize,
-    height: usize,
-}
-
-impl TilePlace {
-    fn clip(self) -> Clip {
-        // Pictures have at most 2²⁸ pixels.
-        let [left, top] = [self.x as i32, self.y as i32];
-        Clip { left, top, right: left + self.width as i32, bottom: top + self.height as i32 }
+        let Self { radiance, starts, order, bands, mask, .. } = self;
+        let list = TileList { streaks, placed: &placed, radiance, starts, order };
+        let rows = width * TILE[1];
+        let secants = camera.secants();
+        let paint = |(index, ((scratch, pixels), mask)): Job| {
+            if !scratch.is::<K::Scratch>() {
+                *scratch = Box::new(K::Scratch::default());
+            }
+            let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
+            let top = index * TILE[1];
+            let height = pixels.len() / width;
+            let mut brush = Brush { scratch, secants: &secants, scene, width, top, pixels, mask };
+            for column in 0..grid[0] {
+                let (left, right) = (column * TILE[0], width.min((column + 1) * TILE[0]));
+                // Pictures have at most 2²⁸ pixels.
+                let [left, top, right, bottom] = [left, top, right, top + height].map(|side| side as i32);
+                let mine = list.of(index * grid[0] + column);
+                brush.open_tile(!mine.is_empty(), Clip { left, top, right, bottom });
+                brush.paint_tile(&list, mine, Clip { left, top, right, bottom });
+            }
+        };
+        let pixels = picture.pixels.par_chunks_mut(rows);
+        bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
+        self.placed_bytes = placed.capacity() * size_of::<K::Placed>();
+        self.placed = placed;
     }
 }
 
+/// A band's number, its working memory, its pixels and its part of the mask.
+type Job<'a> = (usize, ((&'a mut Box<dyn Any + Send + Sync>, &'a mut [[f32; 3]]), &'a mut [f32]));
+
 /// Streaks with their light, and who is in which tile.
-struct TileList<'a> {
+struct TileList<'a, P> {
     streaks: &'a [Streak],
+    placed: &'a [P],
     radiance: &'a [[f32; 3]],
     starts: &'a [u32],
     order: &'a [u32],
 }
 
-impl<'a> TileList<'a> {
+impl<'a, P> TileList<'a, P> {
     fn of(&self, tile: usize) -> &'a [u32] {
         &self.order[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
@@ -189,7 +199,8 @@ impl Canvas {
         self.radiance.capacity() * size_of::<[f32; 3]>()
             + self.boxes.capacity() * size_of::<TileBox>()
             + (self.starts.capacity() + self.order.capacity() + self.mask.capacity()) * 4
-            + self.bands.capacity() * (size_of::<Band>() + 4 * PLANE * size_of::<f32>())
+            + self.bands.capacity() * size_of::<Box<dyn Any + Send + Sync>>()
+            + self.placed_bytes
     }
 
     /// Each streak's light and tiles.
@@ -199,18 +210,27 @@ impl Canvas {
         scene: &Scene<K, L>,
         streaks: &[Streak],
         grid: [usize; 2],
+        placed: &mut Vec<K::Placed>,
     ) {
         self.radiance.resize(streaks.len(), [0.0; 3]);
         self.boxes.resize(streaks.len(), NOWHERE);
+        placed.resize(streaks.len(), K::Placed::default());
         let secants = camera.secants();
-        let prepare = |((radiance, tiles), streak): ((&mut [f32; 3], &mut TileBox), &Streak)| {
-            let footprint = streak.footprint();
+        let prepare = |(((radiance, tiles), placed), streak): Prepare<K::Placed>| {
+            let mut footprint = streak.footprint();
+            *tiles = NOWHERE;
             let ray = camera.ray_with(&secants, footprint.centre[0], footprint.centre[1]);
             let distance = f64::from(streak.depth) / ray.direction.dot(camera.forward);
+            footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
+            footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
+                let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
+                [light.share, libm::acos(cosine).to_degrees()]
+            });
+            let Some((clip, ready)) = scene.kernel.place(&footprint) else { return };
+            (*tiles, *placed) = (tiles_of(clip, grid), ready);
             *radiance = scene.light.radiance(&ray, distance);
-            *tiles = tiles_of(scene.kernel, &footprint, grid);
         };
-        let out = self.radiance.par_iter_mut().zip(&mut self.boxes);
+        let out = self.radiance.par_iter_mut().zip(&mut self.boxes).zip(placed);
         out.zip(streaks).for_each(prepare);
     }
 
@@ -242,87 +262,103 @@ impl Canvas {
     }
 }
 
+/// A streak, and what is worked out of it: its light, tiles and place.
+type Prepare<'a, P> = (((&'a mut [f32; 3], &'a mut TileBox), &'a mut P), &'a Streak);
+
 /// What paints one band, tile by tile.
 struct Brush<'a, K: Kernel, L> {
-    layers: &'a mut Vec<f32>,
     scratch: &'a mut K::Scratch,
     secants: &'a Secants,
     scene: &'a Scene<'a, K, L>,
+    /// Pixels of a row, and the band's first row.
+    width: usize,
+    top: usize,
+    pixels: &'a mut [[f32; 3]],
+    mask: &'a mut [f32],
 }
 
 impl<K: Kernel, L> Brush<'_, K, L> {
-    fn paint_tile(&mut self, list: &TileList, mine: &[u32], tile: TilePlace) {
-        let Self { layers, scratch, secants, scene } = self;
-        let (light, kept) = layers.split_at_mut(3 * PLANE);
-        light.fill(0.0);
-        kept.fill(1.0);
-        let clip = tile.clip();
+    /// Clears a tile's mask, and fetches its pixels if any will be wanted: row after row, as memory is fast. A streak alone would
+    /// wait for each of its rows.
+    fn open_tile(&mut self, wanted: bool, Clip { left, top, right, bottom }: Clip) {
+        let mut seen = 0.0;
+        for row in top as usize - self.top..bottom as usize - self.top {
+            let columns = row * self.width + left as usize..row * self.width + right as usize;
+            self.mask[columns.clone()].fill(0.0);
+            if wanted {
+                seen += self.pixels[columns].iter().step_by(PER_LINE).map(|pixel| pixel[0]).sum::<f32>();
+            }
+        }
+        std::hint::black_box(seen);
+    }
+
+    fn paint_tile(&mut self, list: &TileList<K::Placed>, mine: &[u32], clip: Clip) {
+        let Self { scratch, secants, scene, width, top, pixels, mask } = self;
         for &index in mine {
             let streak = &list.streaks[index as usize];
+            let placed = &list.placed[index as usize];
             let radiance = list.radiance[index as usize];
-            let footprint = streak.footprint();
             let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            let layers = layers.as_mut_slice();
-            let at = |span: &Span| (span.y - clip.top) as usize * STRIDE + (span.x - clip.left) as usize;
+            let at = |span: &Span| (span.y as usize - *top) * *width + span.x as usize;
             match &scene.depth {
-                None => scene.kernel.draw(&footprint, clip, scratch, &mut |span| {
-                    lay(layers, at(&span), span.count, span.shares, strength, radiance);
+                None => scene.kernel.draw(placed, clip, scratch, &mut |span| {
+                    let from = at(&span);
+                    lay(
+                        (&mut pixels[from..], &mut mask[from..]),
+                        span.count,
+                        span.shares,
+                        strength,
+                        radiance,
+                    );
                 }),
                 Some(buffer) => {
-                    let line = DepthLine::new(streak, &footprint);
-                    scene.kernel.draw(&footprint, clip, scratch, &mut |span| {
-                        let mut seen = [0.0; TILE[0]];
-                        for (i, (seen, &share)) in
-                            seen.iter_mut().zip(span.shares).take(span.count).enumerate()
-                        {
-                            let (x, y) = (span.x as usize + i, span.y as usize);
-                            if share > 0.0 && !line.hidden(secants, buffer, x, y) {
-                                *seen = share;
+                    let line = DepthLine::new(streak, &streak.footprint());
+                    scene.kernel.draw(placed, clip, scratch, &mut |span| {
+                        let from = at(&span);
+                        for start in (0..span.count).step_by(SEEN) {
+                            let count = (span.count - start).min(SEEN);
+                            let mut seen = [0.0; SEEN];
+                            for (i, (seen, &share)) in
+                                seen.iter_mut().zip(&span.shares[start..]).take(count).enumerate()
+                            {
+                                let (x, y) = (span.x as usize + start + i, span.y as usize);
+                                if share > 0.0 && !line.hidden(secants, buffer, x, y) {
+                                    *seen = share;
+                                }
                             }
+                            let under = (&mut pixels[from + start..], &mut mask[from + start..]);
+                            lay(under, count, &seen, strength, radiance);
                         }
-                        lay(layers, at(&span), span.count, &seen, strength, radiance);
                     });
                 }
             }
         }
     }
-
-    /// Puts the finished tile over the picture and into the mask.
-    fn apply(&self, tile: TilePlace, width: usize, pixels: &mut [[f32; 3]], mask: &mut [f32]) {
-        for row in 0..tile.height {
-            let from = row * width + tile.x;
-            for column in 0..tile.width {
-                let at = row * STRIDE + column;
-                let kept = self.layers[3 * PLANE + at];
-                mask[from + column] = 1.0 - kept;
-                // Where nothing was drawn the pixel stays as it is, infinite or not.
-                if kept < 1.0 {
-                    let pixel = &mut pixels[from + column];
-                    for colour in 0..3 {
-                        pixel[colour] = pixel[colour] * kept + self.layers[colour * PLANE + at];
-                    }
-                }
-            }
-        }
-    }
 }
 
-/// Lays the first `count` shares of a span over the accumulators from place `from` on.
+/// Lays the first `count` shares of a span over the pixels and the mask that begin where it does.
 ///
 /// Most spans are one block. Longer ones go elsewhere, so that the compiler does not set up a loop over many
 /// blocks for each of them.
 #[inline(always)]
-fn lay(layers: &mut [f32], from: usize, count: usize, shares: &[f32], strength: f32, radiance: [f32; 3]) {
-    lay_block(layers, from, count, shares, strength, radiance);
+fn lay(
+    under: (&mut [[f32; 3]], &mut [f32]),
+    count: usize,
+    shares: &[f32],
+    strength: f32,
+    radiance: [f32; 3],
+) {
+    let (pixels, mask) = under;
+    lay_block(pixels, mask, count, shares, strength, radiance);
     if count > BLOCK {
-        lay_more(layers, from, count, shares, strength, radiance);
+        lay_more(pixels, mask, count, shares, strength, radiance);
     }
 }
 
 #[inline(never)]
 fn lay_more(
-    layers: &mut [f32],
-    from: usize,
+    pixels: &mut [[f32; 3]],
+    mask: &mut [f32],
     count: usize,
     shares: &[f32],
     strength: f32,
@@ -330,21 +366,20 @@ fn lay_more(
 ) {
     for start in (BLOCK..count).step_by(BLOCK) {
         let rest = shares.get(start..).unwrap_or_default();
-        lay_block(layers, from + start, count - start, rest, strength, radiance);
+        lay_block(&mut pixels[start..], &mut mask[start..], count - start, rest, strength, radiance);
     }
 }
 
 #[inline(always)]
 fn lay_block(
-    layers: &mut [f32],
-    from: usize,
+    pixels: &mut [[f32; 3]],
+    mask: &mut [f32],
     count: usize,
     shares: &[f32],
     strength: f32,
     radiance: [f32; 3],
 ) {
-    let layers = layers.get_mut(from..).and_then(<[f32]>::first_chunk_mut::<{ 3 * PLANE + BLOCK }>);
-    let (Some(shares), Some(layers)) = (shares.first_chunk::<BLOCK>(), layers) else { return };
+    let Some(shares) = shares.first_chunk::<BLOCK>() else { return };
     let left = count as u32 as f32;
     let mut alpha = [0.0; BLOCK];
     for lane in 0..BLOCK {
@@ -354,13 +389,39 @@ fn lay_block(
         let value = if value < 1.0 { value } else { 1.0 };
         alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
     }
-    for lane in 0..BLOCK {
-        let keep = 1.0 - alpha[lane];
-        layers[lane] = layers[lane] * keep + alpha[lane] * radiance[0];
-        layers[PLANE + lane] = layers[PLANE + lane] * keep + alpha[lane] * radiance[1];
-        layers[2 * PLANE + lane] = layers[2 * PLANE + lane] * keep + alpha[lane] * radiance[2];
-        layers[3 * PLANE + lane] *= keep;
+    // With a coverage of 0 a pixel stays what it is, infinite or not: whole blocks are safe where there is room.
+    let whole = pixels.as_flattened_mut().first_chunk_mut::<{ 3 * BLOCK }>();
+    match (whole, mask.first_chunk_mut::<BLOCK>()) {
+        (Some(light), Some(mask)) => {
+            // Four pixels of three colours are three registers, whose lanes belong to these pixels and colours.
+            let [r, g, b] = radiance;
+            let [a0, a1, a2, a3] = alpha;
+            let covers = [[a0, a0, a0, a1], [a1, a1, a2, a2], [a2, a3, a3, a3]];
+            let colours = [[r, g, b, r], [g, b, r, g], [b, r, g, b]];
+            let (registers, _) = light.as_chunks_mut::<BLOCK>();
+            for ((light, cover), colour) in registers.iter_mut().zip(covers).zip(colours) {
+                for lane in 0..BLOCK {
+                    light[lane] = light[lane] * (1.0 - cover[lane]) + cover[lane] * colour[lane];
+                }
+            }
+            for lane in 0..BLOCK {
+                mask[lane] = mask[lane] * (1.0 - alpha[lane]) + alpha[lane];
+            }
+        }
+        _ => {
+            let under = pixels.iter_mut().zip(mask).take(count);
+            under.zip(alpha).for_each(|((pixel, mask), alpha)| over(pixel, mask, alpha, radiance));
+        }
     }
+}
+
+#[inline(always)]
+fn over(pixel: &mut [f32; 3], mask: &mut f32, alpha: f32, radiance: [f32; 3]) {
+    let keep = 1.0 - alpha;
+    for colour in 0..3 {
+        pixel[colour] = pixel[colour] * keep + alpha * radiance[colour];
+    }
+    *mask = *mask * keep + alpha;
 }
 
 /// Inverse depth along a streak: linear in the picture.

@@ -121,6 +121,8 @@ impl Streak {
             length,
             width: f64::from(self.width),
             pattern: self.pattern,
+            diameter_mm: f64::from(self.diameter),
+            ..Footprint::default()
         }
     }
 }

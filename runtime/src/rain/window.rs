@@ -6,7 +6,8 @@ use super::kernel::{Clip, Footprint, Kernel, Span};
 ///
 /// Across it is a parabola with the variance of a disc's chord, seen through the tent filter of a pixel, in
 /// closed form. Tents of neighbouring pixels add up to 1, so an upright streak, however thin, covers the same
-/// wherever it lies between two pixels. Its ends are soft by the same measure.
+/// wherever it lies between two pixels. Its ends are those of a swept disc: at each place across, the chord there and a
+/// pixel, by their variances; a drop nearer than its streak is long has round ends, and the light of every column is exact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SmoothWindow;
 
@@ -32,10 +33,10 @@ impl SmoothWindow {
 #[derive(Clone, Copy, Debug)]
 struct FootprintWindow {
     half_length: f64,
-    /// Half width of the ends' window, px, and its inverse.
+    /// Half width of the ends' window in the middle, px, and the square of the drop's radius.
     end: f64,
-    per_end: f64,
-    /// How far from the middle the ends' windows begin, in units of them.
+    radius2: f32,
+    /// How far from the middle the ends' windows begin, px.
     inner: f32,
     /// Half width a of the parabola, px, and the three coefficients of its second integral.
     parabola: [f32; 4],
@@ -46,13 +47,17 @@ struct FootprintWindow {
 impl Kernel for SmoothWindow {
     type Scratch = ();
 
-    fn bounds(&self, footprint: &Footprint) -> Option<Clip> {
+    type Placed = Footprint;
+
+    fn place(&self, footprint: &Footprint) -> Option<(Clip, Footprint)> {
         let [ux, uy] = footprint.axis.map(f64::abs);
         let [along, across] = FootprintWindow::new(footprint).radii();
         let half = [along * ux + across * uy, along * uy + across * ux];
         // Casts saturate; a pixel more on each side covers their rounding toward zero.
         let edge = |axis: usize, side: f64| (footprint.centre[axis] + side * (half[axis] + 1.0)) as i32;
-        Some(Clip { left: edge(0, -1.0), top: edge(1, -1.0), right: edge(0, 1.0), bottom: edge(1, 1.0) })
+        let clip =
+            Clip { left: edge(0, -1.0), top: edge(1, -1.0), right: edge(0, 1.0), bottom: edge(1, 1.0) };
+        Some((clip, *footprint))
     }
 
     #[inline(always)]
@@ -69,8 +74,7 @@ impl Kernel for SmoothWindow {
                 let dx = left + f64::from(first) - footprint.centre[0];
                 let dy = top + f64::from(row) - footprint.centre[1];
                 let across = [(dx * uy - dy * ux) as f32, uy as f32];
-                // Along the streak in units of its ends' window.
-                let along = [(dx * ux + dy * uy) * window.per_end, ux * window.per_end].map(|v| v as f32);
+                let along = [(dx * ux + dy * uy) as f32, ux as f32];
                 let (x, y) = (clip.left + first, clip.top + row);
                 // Most spans are one block. Longer ones go elsewhere, so that the compiler does not set up a
                 // loop over many blocks for each of them.
@@ -96,15 +100,16 @@ const LONGEST: usize = 64;
 impl FootprintWindow {
     fn new(footprint: &Footprint) -> Self {
         let a = (SmoothWindow::PARABOLA * footprint.width).max(SmoothWindow::LEAST);
-        // Variances add: end²/9 for the window, a²/5 for the drop, 1/6 for the tent.
-        let end = (9.0 * (a * a / 5.0 + 1.0 / 6.0)).sqrt();
+        // Variances add: end²/9 for the window, a third of the half chord's square for the drop, 1/6 for the tent.
+        let radius2 = 0.25 * footprint.width * footprint.width;
+        let end = (9.0 * (radius2 / 3.0 + 1.0 / 6.0)).sqrt();
         let half_length = 0.5 * footprint.length.max(SmoothWindow::LEAST);
         let parabola = [a, 3.0 * a / 16.0, 3.0 / (8.0 * a), -1.0 / (16.0 * a * a * a)];
         Self {
             half_length,
             end,
-            per_end: 1.0 / end,
-            inner: (half_length / end - 1.0) as f32,
+            radius2: radius2 as f32,
+            inner: (half_length - end) as f32,
             parabola: parabola.map(|value| value as f32),
             peak: (0.5 / half_length) as f32,
         }
@@ -123,7 +128,8 @@ impl FootprintWindow {
         let last = along[0] + LANES as f32 * along[1];
         if along[0].abs() > self.inner || last.abs() > self.inner {
             for lane in 0..LANES {
-                block[lane] *= self.cut(along[0] + lane as f32 * along[1]);
+                let offset = lane as f32;
+                block[lane] *= self.cut(across[0] + offset * across[1], along[0] + offset * along[1]);
             }
         }
     }
@@ -141,11 +147,14 @@ impl FootprintWindow {
         }
     }
 
-    /// Share of the streak's full coverage `along` from its middle: 1 but for the soft ends.
+    /// Share of the streak's full coverage `across` and `along` from its middle: 1 but for the soft ends.
     #[inline(always)]
-    fn cut(&self, along: f32) -> f32 {
-        let (along, half) = (along.abs(), self.inner + 1.0);
-        SmoothWindow::integral(along + half) - SmoothWindow::integral(along - half)
+    fn cut(&self, across: f32, along: f32) -> f32 {
+        let (along, half) = (along.abs(), self.half_length as f32);
+        let chord2 = self.radius2 - across * across;
+        let chord2 = if chord2 > 0.0 { chord2 } else { 0.0 };
+        let per_end = 1.0 / (3.0 * chord2 + 1.5).sqrt();
+        SmoothWindow::integral((along + half) * per_end) - SmoothWindow::integral((along - half) * per_end)
     }
 
     /// The streak's cross-section `y` pixels off its axis: the tent is the second difference of the second
@@ -257,6 +266,58 @@ mod tests {
     }
 
     #[test]
+    fn a_short_streak_of_a_wide_drop_is_a_swept_disc_with_round_ends() {
+        /// Of the disc's own: a window of the chord's variance in place of the chord's hard ends, and a parabola in place of a root.
+        const SHAPE: f64 = 0.2;
+        /// Light of a corner of the box over that of the middle; a rectangle has about one there.
+        const CORNER: f64 = 0.1;
+        let (radius, path) = (14.0, 40.0);
+        for angle in [0.0, 0.6] {
+            let axis = [libm::sin(angle), libm::cos(angle)];
+            let footprint = Footprint {
+                centre: [200.3, 199.8],
+                axis,
+                length: path,
+                width: 2.0 * radius,
+                ..Footprint::default()
+            };
+            let drawn = pixels(&footprint, ALL);
+            // How long the disc stands over a place, over the whole of that for all places.
+            let truth = |x: f64, y: f64| {
+                let (dx, dy) = (x - 200.3, y - 199.8);
+                let (across, along) = (dx * axis[1] - dy * axis[0], dx * axis[0] + dy * axis[1]);
+                let chord = (radius * radius - across * across).max(0.0).sqrt();
+                let stay = (along + chord).min(0.5 * path) - (along - chord).max(-0.5 * path);
+                stay.max(0.0) / (path * std::f64::consts::PI * radius * radius)
+            };
+            let (mut miss, mut whole) = (0.0, 0.0);
+            for (i, &share) in drawn.iter().enumerate() {
+                let wanted: f64 = (0..16)
+                    .map(|s| {
+                        truth(
+                            (i % 400) as f64 + (s % 4) as f64 * 0.25 + 0.125,
+                            (i / 400) as f64 + (s / 4) as f64 * 0.25 + 0.125,
+                        )
+                    })
+                    .sum::<f64>()
+                    / 16.0;
+                miss += (f64::from(share) - wanted) * (f64::from(share) - wanted);
+                whole += wanted * wanted;
+            }
+            assert!((miss / whole).sqrt() < SHAPE, "{}", (miss / whole).sqrt());
+            let at = |across: f64, along: f64| {
+                let x = 200.3 + across * axis[1] + along * axis[0];
+                let y = 199.8 - across * axis[0] + along * axis[1];
+                f64::from(drawn[y as usize * 400 + x as usize])
+            };
+            for (side, end) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+                let corner = at(side * 0.85 * radius, end * (0.5 * path + 0.85 * radius));
+                assert!(corner < CORNER * at(0.0, 0.0), "{corner}");
+            }
+        }
+    }
+
+    #[test]
     fn coverage_adds_up_to_one_wherever_the_streak_lies() {
         let mut random = Random::new(3);
         for _ in 0..300 {
@@ -267,6 +328,7 @@ mod tests {
                 length: random.range(0.0, 200.0),
                 width: random.range(0.1, 9.0),
                 pattern: 0,
+                ..Footprint::default()
             };
             // Tents add up exactly along the pixel axes alone; a turned dot is the worst.
             assert!((sum(&footprint) - 1.0).abs() < 0.03, "{footprint:?}: {}", sum(&footprint));
@@ -278,7 +340,14 @@ mod tests {
         for width in [0.01, 0.4, 0.8, 1.6, 4.0] {
             for step in 0..10 {
                 let centre = [200.0 + 0.1 * f64::from(step), 200.3];
-                let footprint = Footprint { centre, axis: [0.0, 1.0], length: 50.0, width, pattern: 0 };
+                let footprint = Footprint {
+                    centre,
+                    axis: [0.0, 1.0],
+                    length: 50.0,
+                    width,
+                    pattern: 0,
+                    ..Footprint::default()
+                };
                 let sum = sum(&footprint);
                 // Only the soft ends are sampled inexactly, and numbers are single precision.
                 assert!((sum - 1.0).abs() < 1e-3, "width {width}, step {step}: {sum}");
@@ -297,6 +366,7 @@ mod tests {
                 length: random.range(0.0, 90.0),
                 width: random.range(0.1, 30.0),
                 pattern: 0,
+                ..Footprint::default()
             };
             let whole = pixels(&footprint, ALL);
             let mut tiled = vec![0.0; whole.len()];
@@ -304,7 +374,7 @@ mod tests {
                 let tile = pixels(&footprint, Clip { left, top, right: left + 40, bottom: top + 40 });
                 tiled.iter_mut().zip(tile).for_each(|(sum, value)| *sum += value);
             }
-            let bounds = SmoothWindow.bounds(&footprint).unwrap();
+            let bounds = SmoothWindow.place(&footprint).unwrap().0;
             for (i, (&a, &b)) in whole.iter().zip(&tiled).enumerate() {
                 let (x, y) = (i as i32 % 400, i as i32 / 400);
                 let within = x >= bounds.left && x < bounds.right && y >= bounds.top && y < bounds.bottom;

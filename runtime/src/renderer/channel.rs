@@ -4,11 +4,11 @@ use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;
-use crate::relight::PointLight;
 use crate::shade::sky::Sky;
 use crate::shade::town::Town;
 use crate::shade::town::light::{SceneLight, StrokeLights};
-use crate::stroke::Stroke;
+use crate::shade::town::line::LineLight;
+use crate::stroke::{Segment, Stroke};
 use crate::transport::Cloud;
 use crate::transport::direct::Tracer;
 use glam::{DVec3, Vec2, Vec3};
@@ -25,9 +25,8 @@ const MOST_POINTS: f64 = 4096.0;
 const FAINT: f32 = 1e-4;
 /// Points of each stroke that light surfaces with shadows, and that stand in the water.
 const SHADOW_POINTS: f32 = 3.0;
-const IMAGE_POINTS: f64 = 72.0;
-/// Pieces with less than this share of an average one's light are twigs.
-const TWIG: f32 = 0.3;
+/// Lines of each stroke whose image stands in the water: some of its length each, and every branch its own.
+const IMAGE_LINES: f64 = 160.0;
 
 /// Share of a point's light that reaches the eye through the cloud.
 fn through(cloud: Option<&Cloud>, from: DVec3, to: DVec3) -> f32 {
@@ -43,25 +42,52 @@ pub fn town_lights(
     air: &dyn Fn(f64) -> [f32; 3],
 ) -> StrokeLights {
     let length: f64 = stroke.segments.iter().map(|s| s.from.distance(s.to)).sum();
-    let seen = |light: &PointLight| {
-        let visibility = through(cloud, eye, light.position);
-        let intensity = air(eye.distance(light.position)).map(|band| band * light.intensity as f32);
-        SceneLight { position: light.position.as_vec3(), intensity, visibility }
+    let images: Vec<LineLight> = lines(stroke, length / IMAGE_LINES)
+        .into_iter()
+        .map(|line| {
+            let middle = 0.5 * (line.from + line.to);
+            let visibility = through(cloud, eye, middle);
+            let intensity = air(eye.distance(middle)).map(|band| band * line.intensity as f32);
+            LineLight { from: line.from.as_vec3(), to: line.to.as_vec3(), intensity, visibility }
+        })
+        .collect();
+    let point = |line: &LineLight| SceneLight {
+        position: line.middle(),
+        intensity: line.intensity,
+        visibility: line.visibility,
     };
-    let points: Vec<SceneLight> = stroke.lights(length / IMAGE_POINTS).iter().map(seen).collect();
+    let points: Vec<SceneLight> = images.iter().map(point).collect();
     let light = |point: &SceneLight| point.visibility * point.intensity.iter().sum::<f32>();
     let total: f32 = points.iter().map(light).sum();
     let bare: f32 = points.iter().map(|point| point.intensity.iter().sum::<f32>()).sum();
     if total <= FAINT * bare {
         return StrokeLights::default();
     }
-    // Twigs whose image no one would see give their light to the rest.
-    let bright = |point: &&SceneLight| light(point) > TWIG * total / IMAGE_POINTS as f32;
-    let kept: f32 = points.iter().filter(bright).map(light).sum();
-    let scale = total / kept;
-    let grown = |point: &SceneLight| SceneLight { intensity: point.intensity.map(|v| v * scale), ..*point };
-    let images = points.iter().filter(bright).map(grown).collect();
     StrokeLights { images, points: gathered(points, light, total) }
+}
+
+/// A stroke as straight lines of about `spacing` m; no line goes from one branch to another, and together they have all its light.
+fn lines(stroke: &Stroke, spacing: f64) -> Vec<Segment> {
+    let mut lines: Vec<Segment> = Vec::new();
+    let mut length = f64::INFINITY;
+    let mut last = DVec3::NAN;
+    for segment in &stroke.segments {
+        let own = segment.from.distance(segment.to);
+        match lines.last_mut() {
+            Some(line) if length < spacing && last == segment.from && line.order == segment.order => {
+                line.to = segment.to;
+                line.intensity += segment.intensity;
+                length += own;
+            }
+            _ => {
+                lines.push(*segment);
+                length = own;
+            }
+        }
+        last = segment.to;
+    }
+    lines.retain(|line| line.intensity > 0.0);
+    lines
 }
 
 /// A few points in place of many: equal shares of the light from the top down, each at its middle.
@@ -83,7 +109,7 @@ fn gathered(mut points: Vec<SceneLight>, light: impl Fn(&SceneLight) -> f32, tot
 }
 
 /// Irradiance of the strokes' own light at the eye, W/m² per colour, and the direction that it travels in.
-pub fn irradiance_at(flashes: &[LitStroke], eye: DVec3) -> ([f32; 3], DVec3) {
+pub fn irradiance_at<'a>(flashes: impl Iterator<Item = &'a LitStroke>, eye: DVec3) -> ([f32; 3], DVec3) {
     let (mut sum, mut way) = ([0.0f32; 3], DVec3::ZERO);
     for flash in flashes {
         for point in &flash.lights.points {
@@ -163,5 +189,28 @@ fn spot(picture: &mut Picture, place: Vec2, light: [f32; 3]) {
                 picture.pixels[y * width + x][band] += light[band] * share;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_keep_twigs_apart_and_have_all_of_a_strokes_light() {
+        /// Sums of some thousand numbers.
+        const ROUND_OFF: f64 = 1e-12;
+        let ends = [DVec3::new(0.0, 0.0, 900.0), DVec3::new(100.0, 40.0, 0.0)];
+        let stroke = Stroke::between(ends[0], ends[1], 3, 1e6).unwrap();
+        let sum = |segments: &[Segment]| segments.iter().map(|s| s.intensity).sum::<f64>();
+        let orders = |segments: &[Segment]| segments.iter().map(|s| s.order).max().unwrap();
+        for spacing in [1.0, 40.0, 1e9] {
+            let found = lines(&stroke, spacing);
+            assert!((sum(&found) / sum(&stroke.segments) - 1.0).abs() < ROUND_OFF);
+            assert_eq!(orders(&found), orders(&stroke.segments));
+            // The main channel reaches the ground: its image begins at its foot.
+            assert!(found.iter().any(|line| line.to.distance(ends[1]) < 1e-9));
+        }
+        assert!(lines(&stroke, 1e9).len() < stroke.segments.len() / 4);
     }
 }

@@ -5,10 +5,12 @@
 //! 1. The asset's rows become light per cell ([`super::light`]): the flashes' strokes, the sky's hemispheres, the sun.
 //! 2. Sky, with the cloud marched in front of it, at every pixel and in a small map for mirrors.
 //! 3. The town, lit by all of that; clear air in front of both.
-//! 4. The rain's medium, in front of it the channels of strokes in sight, dimmed by what rain is between ([`super::channel`]).
+//! 4. The rain's medium, in front of it street lamps and the channels of strokes in sight, each dimmed by the rain on its own way
+//!    ([`super::channel`]).
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
+use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
@@ -24,7 +26,7 @@ use crate::shade::town::frame::TownFrame;
 use crate::shade::town::light::Lighting;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
-use crate::world::WorldLight;
+use crate::world::{InScattering, Sun, WorldLight};
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::sync::Arc;
@@ -92,11 +94,15 @@ impl Scene {
             light
         };
         let around = world::look_around(eye, &beyond);
+        let light = world::light_of(&around, world::sun_of(sky, cloud.as_ref(), eye));
+        let drops = rain::drops_in(&light, &frame.medium.drop_phase(), &flashes, eye);
+        let wet = TownRain::new(frame.weather.rate, self.rain_place.field(frame), &drops);
         self.render_town(
             frame,
             sky,
             &flashes,
             (&beyond, &around, clouds.marched(&memory.flash_cells)),
+            (light.sun, &wet),
             &mut memory.town,
         );
         // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
@@ -107,8 +113,7 @@ impl Scene {
             disc.map(|value| value * open)
         };
         self.compose(camera, sky, (&beyond, &disc), memory.town.frame(), &mut memory.picture);
-        let light = world::light_of(&around, sky.sun());
-        self.draw_rain(frame, (sky, &light), &flashes, memory, &mut report)?;
+        self.draw_rain(frame, (sky, &light, &drops), &flashes, memory, &mut report)?;
         Ok(report)
     }
 
@@ -119,6 +124,7 @@ impl Scene {
         sky: &Sky,
         flashes: &[LitStroke],
         (beyond, around, lit): (&Beyond<'_>, &Environment, Option<CloudPicture<'_>>),
+        (sun, wet): (Option<Sun>, &TownRain<'_>),
         out: &mut town::Kept,
     ) {
         let Some(town) = &self.town else { return };
@@ -148,6 +154,8 @@ impl Scene {
             strokes: &[],
             glows: &glows,
             leaves: &leaves,
+            sun,
+            rain: wet,
         };
         out.render(town, frame, flashes, lighting);
     }
@@ -156,14 +164,25 @@ impl Scene {
     fn draw_rain(
         &self,
         frame: &Frame,
-        (sky, light): (&Sky, &WorldLight),
+        (sky, light, drops): (&Sky, &WorldLight, &InScattering),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
     ) -> Result<(), RuntimeError> {
         let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());
         let channels = channel::Channels { flashes, camera, sky, cloud, town };
+        // A lamp is looked at through the air and the rain before it, whatever stands or doesn't stand behind it.
+        let lamps = |left: &dyn Fn(DVec3) -> f32, picture: &mut Picture| {
+            let Some(town) = town else { return };
+            let through = |point: DVec3| {
+                let distance = camera.position.distance(point);
+                let air = sky.air_view(eye_height(camera.position), TOWN_M, distance).transmittance;
+                air.map(|share| share * left(point))
+            };
+            town.draw_lamps(camera, &through, picture);
+        };
         let Some(section) = &self.rain else {
+            lamps(&|_| 1.0, &mut memory.picture);
             channels.draw(&|_| 1.0, &mut memory.picture);
             return Ok(());
         };
@@ -179,8 +198,10 @@ impl Scene {
             place: &self.rain_place,
             has_depth: town.is_some(),
             world: light,
+            drops,
         };
         let medium = rain::medium(&task, memory)?;
+        lamps(&|point| medium.left(camera, point), &mut memory.picture);
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
         report.streaks = rain::streaks(&task, &medium, memory)?;
         Ok(())

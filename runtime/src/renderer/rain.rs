@@ -2,22 +2,23 @@
 
 use super::Memory;
 use super::channel::irradiance_at;
+use super::halos::{self, Halos};
 use super::lit_stroke::LitStroke;
+use crate::airlight::Airlight;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
-use crate::phase::henyey_greenstein;
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MapChoice, Rain, RainField, RainLight, RainMap, Scene, Shelter, Shot, SmoothWindow, Workspace,
+    Covers, MainLight, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot,
+    SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
 use crate::world::{Beam, InScattering, WorldLight};
 use glam::DVec3;
-use squall_formats::drops::Optics;
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::town::StreetLamp;
@@ -37,6 +38,8 @@ pub struct Task<'a> {
     pub has_depth: bool,
     /// What shines on the rain from afar.
     pub world: &'a WorldLight,
+    /// What a drop shows of that and of the flashes.
+    pub drops: &'a InScattering,
 }
 
 /// Where an asset's rain is.
@@ -53,8 +56,13 @@ impl Place {
         Ok(Self { map, farthest: section.farthest_m.map(Metres) })
     }
 
+    /// The same measured from another point.
+    pub fn measured_from(self, point: DVec3) -> Self {
+        Self { map: self.map.map(|map| Arc::new(map.measured_from(point))), ..self }
+    }
+
     /// The frame's rain, as its camera sees it.
-    fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
+    pub fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
         let (weather, place) = (&frame.weather, &frame.place);
         let field = RainField::from(weather.volume).with_farthest(place.farthest.or(self.farthest));
         let map = match &place.map {
@@ -70,12 +78,19 @@ impl Place {
 const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
-struct DropLight {
-    world: InScattering,
+struct DropLight<'a> {
+    world: &'a InScattering,
     lamps: Vec<(DVec3, [f32; 3])>,
+    /// Mean radiance around, and how many times a flash counts when drops pick patterns.
+    around: f64,
+    lightning_bias: f64,
 }
 
-impl RainLight for DropLight {
+fn mean(light: &[f32; 3]) -> f64 {
+    light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0
+}
+
+impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
@@ -83,12 +98,27 @@ impl RainLight for DropLight {
             let way = drop - *lamp;
             let squared = way.length_squared().max(0.01);
             let cosine = -way.dot(ray.direction) / squared.sqrt();
-            let share = henyey_greenstein(Optics::GEOMETRIC.asymmetry, cosine) / squared;
+            let share = self.world.phase().values(cosine);
             for band in 0..3 {
-                light[band] += (f64::from(intensity[band]) * share) as f32;
+                light[band] += (f64::from(intensity[band]) * share[band] / squared) as f32;
             }
         }
         light
+    }
+
+    fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
+        let drop = ray.origin + ray.direction * distance;
+        // The flash's beam is the last; the sun's stands before it.
+        let beams = self.world.beams().iter().rev().enumerate();
+        let beams = beams.map(|(at, beam)| {
+            (beam.towards, mean(&beam.irradiance) * if at == 0 { self.lightning_bias } else { 1.0 })
+        });
+        let lamps = self.lamps.iter().map(|(lamp, intensity)| {
+            let way = *lamp - drop;
+            (way.normalize_or_zero(), mean(intensity) / way.length_squared().max(0.01))
+        });
+        let (towards, irradiance) = beams.chain(lamps).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        MainLight::new(towards, irradiance, self.around)
     }
 }
 
@@ -96,7 +126,7 @@ impl RainLight for DropLight {
 pub struct RainMedium<'a> {
     medium: Option<Medium>,
     field: RainField<'a>,
-    light: DropLight,
+    light: DropLight<'a>,
 }
 
 impl RainMedium<'_> {
@@ -140,18 +170,28 @@ fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>,
     DepthBuffer::new(metres, picture.width, picture.height, DepthKind::Range)
 }
 
+/// The flashes at the eye, as one distant light; those with halos of their own are left out.
+fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) -> bool) -> Beam {
+    let (irradiance, direction) = irradiance_at(flashes.iter().filter(|flash| !leave_out(flash)), eye);
+    Beam { towards: -direction, irradiance }
+}
+
+/// What drops show of the world and of the flashes.
+pub fn drops_in(world: &WorldLight, phase: &Phase, flashes: &[LitStroke], eye: DVec3) -> InScattering {
+    world.in_scattering(phase).with_beam(flash_at(flashes, eye, |_| false))
+}
+
 /// Composites the frame's medium over the picture.
 pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>, RuntimeError> {
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
     let field = task.place.field(task.frame);
-    let (irradiance, direction) = irradiance_at(task.flashes, camera.position);
-    let flash = Beam { towards: -direction, irradiance };
-    let drops = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
-    let world = task.world.in_scattering(&drops).with_beam(flash);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
     let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
-    let light = DropLight { world, lamps };
+    let brightness: f64 = task.frame.flashes.iter().map(|flash| flash.brightness).sum();
+    let lightning_bias = 1.0 + task.frame.streaks.lightning_bias * brightness;
+    let around = mean(&task.world.mean_radiance());
+    let light = DropLight { world: task.drops, lamps, around, lightning_bias };
     if weather.rate.0 == 0.0 {
         return Ok(RainMedium { medium: None, field, light });
     }
@@ -162,15 +202,25 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
         memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
-    let medium = Medium::beside_streaks(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
-    let own = match *medium.phase() == drops {
-        true => light.world.clone(),
-        false => medium.in_scattering(task.world).with_beam(flash),
-    };
+    let medium = task.frame.medium.medium(task.section, &shot_of(task.frame), field.rate(weather.rate))?;
+    // Within the same rain as the eye, a light has its halo; from beyond, it is a beam.
+    let eye = camera.position;
+    let full = field.filled_radius(eye).min(field.farthest());
+    let near = |flash: &LitStroke| halos::reaches(flash, eye, full);
+    let own = medium.in_scattering(task.world).with_beam(flash_at(task.flashes, eye, near));
     let outlook = Outlook { camera, volume: field, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
+    let airlight = match memory.airlight.take() {
+        Some(known) if known.phase() == medium.phase() => known,
+        _ => Airlight::new(medium.phase()),
+    };
+    let mut halos = Halos::new(&airlight, &medium);
+    halos.add_lamps(task.lamps, eye, full);
+    task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash));
+    halos.draw(camera, &memory.metres, &mut memory.picture);
+    memory.airlight = Some(airlight);
     Ok(RainMedium { medium: Some(medium), field, light })
 }
 

@@ -4,21 +4,49 @@
 use super::lit_stroke::LitStroke;
 use crate::camera::Camera;
 use crate::frame::Frame;
+use crate::rain::{MapChoice, RainPlace, RainVolume};
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::Town;
 use crate::shade::town::frame::{MOST_STROKES, Quality, TownFrame};
 use crate::shade::town::light::{Lighting, SceneLight, StrokeLights};
+use crate::shade::town::line::LineLight;
 use crate::stroke::Stroke;
+use glam::DVec3;
+use squall_formats::units::MillimetresPerHour;
 use std::sync::Arc;
 
 /// Bytes that kept pictures of strokes' light may take; the oldest go first.
 const MOST_BYTES: usize = 256 << 20;
 
+/// What a stroke's light on the town depends on beside the stroke.
+#[derive(Clone, Debug, PartialEq)]
+struct MadeFor {
+    camera: Camera,
+    sky: SkyParameters,
+    quality: Quality,
+    /// Rain on the lights' ways. A map of it moves with the wind.
+    rain: Option<(MillimetresPerHour, RainVolume, RainPlace, DVec3)>,
+}
+
+impl MadeFor {
+    fn of(frame: &Frame) -> Self {
+        let weather = &frame.weather;
+        let drift = if frame.place.map == MapChoice::Even { DVec3::ZERO } else { weather.drift };
+        let rain = (weather.rate, weather.volume, frame.place.clone(), drift);
+        Self {
+            camera: frame.camera.clone(),
+            sky: frame.sky.clone(),
+            quality: frame.quality.town,
+            rain: (weather.rate.0 > 0.0).then_some(rain),
+        }
+    }
+}
+
 /// The last picture of the town, and of each stroke's light on it.
 #[derive(Default)]
 pub struct Kept {
     frame: TownFrame,
-    made_for: Option<(Camera, SkyParameters, Quality)>,
+    made_for: Option<MadeFor>,
     strokes: Vec<(Arc<Stroke>, Vec<[f32; 3]>)>,
 }
 
@@ -30,10 +58,10 @@ impl Kept {
 
     /// Renders the town in `lighting` and the light of `flashes`.
     pub fn render(&mut self, town: &Town, frame: &Frame, flashes: &[LitStroke], lighting: Lighting<'_>) {
-        let key = (&frame.camera, &frame.sky, frame.quality.town);
-        if self.made_for.as_ref().is_none_or(|(camera, sky, quality)| (camera, sky, *quality) != key) {
+        let key = MadeFor::of(frame);
+        if self.made_for.as_ref() != Some(&key) {
             self.strokes.clear();
-            self.made_for = Some((frame.camera.clone(), frame.sky.clone(), frame.quality.town));
+            self.made_for = Some(key);
         }
         let mut new: Vec<&LitStroke> = Vec::new();
         for flash in flashes {
@@ -49,7 +77,10 @@ impl Kept {
             flashes.iter().filter(|flash| beyond.iter().any(|other| same(&other.stroke, &flash.stroke)))
         {
             points.extend(flash.lights.points.iter().map(|light| scaled(light, flash.scale)));
-            images.extend(flash.lights.images.iter().map(|light| scaled(light, flash.scale)));
+            images.extend(flash.lights.images.iter().map(|line| {
+                let intensity = std::array::from_fn(|band| flash.scale[band] * line.intensity[band]);
+                LineLight { intensity, ..*line }
+            }));
         }
         let strokes: Vec<StrokeLights> = new.iter().map(|flash| flash.lights.clone()).collect();
         let lighting = Lighting { points: &points, images: &images, strokes: &strokes, ..lighting };

@@ -2,7 +2,9 @@
 
 use super::draw::Beyond;
 use crate::camera::Ray;
+use crate::shade::cloud::CloudPicture;
 use crate::shade::environment::{Environment, EnvironmentWindow};
+use crate::shade::sky::Sky;
 use crate::world::{Sun, WorldLight};
 use glam::{DVec3, Vec3};
 use squall_formats::units::Radians;
@@ -21,6 +23,14 @@ pub fn look_around(eye: DVec3, beyond: &Beyond<'_>) -> Environment {
         size: SIZE,
     };
     Environment::new(window, &|direction| beyond(&Ray { origin: eye, direction: direction.as_dvec3() }))
+}
+
+/// The sun on the ground around `eye`: after air, overcast and the storm's cloud.
+pub fn sun_of(sky: &Sky, cloud: Option<&CloudPicture<'_>>, eye: DVec3) -> Option<Sun> {
+    let sun = sky.sun()?;
+    let ray = Ray { origin: eye, direction: sun.towards.as_dvec3() };
+    let open = cloud.map_or(1.0, |cloud| cloud.march(&ray).transmittance);
+    (open > 0.0).then(|| Sun { irradiance: sun.irradiance.map(|band| band * open), ..sun })
 }
 
 /// What the rain is lit by: everything in the map and the sun.

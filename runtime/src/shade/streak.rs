@@ -11,6 +11,7 @@
 //! Along a line of pixels each phase grows linearly, so cosines are turned, not evaluated: one complex
 //! product per term and line, two multiplications per term and pixel.
 
+pub mod choice;
 mod draw;
 mod edge;
 mod frame;
@@ -18,13 +19,15 @@ mod prepare;
 mod profile;
 mod thin;
 
-use draw::{Lines, Wave, draw, draw_thin};
+use choice::Choice;
+use draw::{Lines, Wave, draw};
 use edge::EdgeTable;
 use frame::{EdgeFrame, ProductFrame};
 use prepare::{Cosines, PatternFrame, PatternLight, Prepared};
 use profile::{Profile, ProfileRow};
 use squall_formats::section::streak::{StreakPattern, StreakSection};
 use std::sync::OnceLock;
+use thin::ThinPlace;
 
 /// Bodies narrower or shorter than this are drawn in thin form.
 const THIN_WIDTH_PX: f32 = 4.0;
@@ -46,10 +49,12 @@ const LONGEST_PX: f64 = 1e5;
 pub struct StreakSet {
     patterns: Vec<(StreakPattern, OnceLock<Prepared>)>,
     edges: EdgeTable,
+    choice: OnceLock<Option<Choice>>,
+    shortest_aspect: f64,
 }
 
 /// One streak in the frame. Pixel (0, 0) has its centre at (½, ½), y points down.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StreakPlacement {
     /// Middle of the streak's body, pixels.
     pub middle: [f32; 2],
@@ -81,14 +86,26 @@ pub struct Tile<'a> {
 pub struct Scratch {
     waves: Vec<Wave>,
     rows: Vec<[ProfileRow; 2]>,
+    mixed: Vec<f32>,
 }
 
 impl Scratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
         let rows: usize = self.rows.iter().flatten().map(ProfileRow::bytes).sum();
-        self.waves.capacity() * size_of::<Wave>() + self.rows.capacity() * size_of::<[ProfileRow; 2]>() + rows
+        let mixed = self.mixed.capacity() * size_of::<f32>();
+        let rows = rows + self.rows.capacity() * size_of::<[ProfileRow; 2]>();
+        self.waves.capacity() * size_of::<Wave>() + rows + mixed
     }
+}
+
+/// A streak whose place is worked out.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlacedStreak {
+    kernel: StreakPlacement,
+    thin: Option<ThinPlace>,
+    /// Pixels that it may touch: left, top, right, bottom.
+    pub(crate) bounds: [i32; 4],
 }
 
 /// A kernel's frame of reference.
@@ -106,13 +123,29 @@ struct Pose {
 impl StreakSet {
     /// The patterns of a section; each is prepared when it is first drawn.
     pub fn new(section: &StreakSection) -> Self {
+        let aspect = |pattern: &StreakPattern| {
+            let [width, length] = pattern.size_px.map(f64::from);
+            length * pattern.body.length() / (width * pattern.body.width())
+        };
+        let shortest_aspect = section.patterns.iter().map(aspect).fold(f64::INFINITY, f64::min);
         let patterns = section.patterns.iter().map(|pattern| (pattern.clone(), OnceLock::new())).collect();
-        Self { patterns, edges: EdgeTable::new() }
+        Self { patterns, edges: EdgeTable::new(), choice: OnceLock::new(), shortest_aspect }
     }
 
     fn prepared(&self, pattern: u32) -> Option<&Prepared> {
         let (stored, prepared) = self.patterns.get(pattern as usize)?;
         Some(prepared.get_or_init(|| Prepared::new(stored)))
+    }
+
+    /// Which pattern a drop takes by how it is seen; `None` where the set does not say what its pictures show.
+    pub(crate) fn choice(&self) -> Option<&Choice> {
+        let sorted = || Choice::new(&self.patterns.iter().map(|(stored, _)| stored).collect::<Vec<_>>());
+        self.choice.get_or_init(sorted).as_ref()
+    }
+
+    /// Length over width of the shortest pattern's body, as its picture shows it; +∞ of an empty set.
+    pub(crate) fn shortest_aspect(&self) -> f64 {
+        self.shortest_aspect
     }
 
     /// Number of patterns.
@@ -134,29 +167,34 @@ impl StreakSet {
     /// unknown pattern, a number that is not finite, no length, no width or no direction.
     pub fn bounds(&self, kernel: &StreakPlacement) -> Option<[i32; 4]> {
         let prepared = self.prepared(kernel.pattern)?;
+        Some(Pose::new(kernel, prepared)?.bounds(prepared))
+    }
+
+    /// A kernel ready to be drawn into however many clips; `None` as in [`StreakSet::bounds`].
+    pub(crate) fn placed(&self, kernel: &StreakPlacement) -> Option<PlacedStreak> {
+        let prepared = self.prepared(kernel.pattern)?;
         let pose = Pose::new(kernel, prepared)?;
-        let range = prepared.range();
-        let mut low = [f64::INFINITY; 2];
-        let mut high = [f64::NEG_INFINITY; 2];
-        for u in range[0] {
-            for v in range[1] {
-                for axis in 0..2 {
-                    let at = pose.corner[axis]
-                        + pose.across[axis] * u * pose.scale[0]
-                        + pose.along[axis] * v * pose.scale[1];
-                    low[axis] = low[axis].min(at);
-                    high[axis] = high[axis].max(at);
-                }
-            }
-        }
-        // Pixels whose square meets the range: a pixel's shadow reaches half a pixel along either axis.
-        let whole = |value: f64| value.clamp(-1e9, 1e9) as i32;
-        Some([
-            whole((low[0] - 0.5).floor()),
-            whole((low[1] - 0.5).floor()),
-            whole((high[0] + 0.5).ceil()),
-            whole((high[1] + 0.5).ceil()),
-        ])
+        let narrowest = (prepared.finest / PERIODS_PER_PIXEL).min(THIN_PICTURE_PX);
+        let is_thin =
+            kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX || pose.scale[0] < narrowest;
+        let thin = is_thin.then(|| prepared.thin.place(&pose, prepared.body.v));
+        Some(PlacedStreak { kernel: *kernel, thin, bounds: pose.bounds(prepared) })
+    }
+
+    /// Hands each row of a thin, rather upright streak inside `clip` to `put`: row, first column, how many, their light, padded to
+    /// whole blocks of four. Says whether the streak is one.
+    #[inline]
+    pub(crate) fn draw_rows(
+        &self,
+        placed: &PlacedStreak,
+        clip: [[i32; 2]; 2],
+        scratch: &mut Scratch,
+        mut put: impl FnMut(i32, i32, usize, &mut [f32]),
+    ) -> bool {
+        let Some(thin) = placed.thin.as_ref().filter(|thin| !thin.level) else { return false };
+        let Some(prepared) = self.prepared(placed.kernel.pattern) else { return false };
+        prepared.thin.lines(thin, clip, &mut scratch.mixed, &mut put);
+        true
     }
 
     /// Adds a kernel's light to a tile: each pixel gains the pattern's mean over its square, times the weight.
@@ -164,7 +202,14 @@ impl StreakSet {
     /// Adding tile by tile gives the same values as adding to the whole frame, to single precision. Draws
     /// nothing where [`StreakSet::bounds`] says so.
     pub fn add(&self, kernel: &StreakPlacement, tile: &mut Tile, scratch: &mut Scratch) {
-        let Some(bounds) = self.bounds(kernel) else { return };
+        if let Some(placed) = self.placed(kernel) {
+            self.add_placed(&placed, tile, scratch);
+        }
+    }
+
+    /// [`StreakSet::add`] of a kernel that is ready.
+    pub(crate) fn add_placed(&self, placed: &PlacedStreak, tile: &mut Tile, scratch: &mut Scratch) {
+        let PlacedStreak { kernel, bounds, thin } = placed;
         if tile.width == 0 {
             return;
         }
@@ -177,17 +222,21 @@ impl StreakSet {
             return;
         }
         let Some(prepared) = self.prepared(kernel.pattern) else { return };
+        if let Some(thin) = thin {
+            let lines = if thin.level { [clip[1], clip[0]] } else { clip };
+            prepared.thin.lines(thin, lines, &mut scratch.mixed, &mut |line, from, count, lights| {
+                let (x, y) = if thin.level { (line, from) } else { (from, line) };
+                let at = (y - tile.origin[1]) as usize * tile.width + (x - tile.origin[0]) as usize;
+                let stride = if thin.level { tile.width } else { 1 };
+                let pixels = tile.alpha[at..].iter_mut().step_by(stride);
+                pixels.zip(&lights[..count]).for_each(|(pixel, light)| *pixel += light);
+            });
+            return;
+        }
         let Some(pose) = Pose::new(kernel, prepared) else { return };
         let across = prepared.range()[0].map(|u| u * pose.scale[0]);
         let lines = Lines::new(&pose, across, clip);
-        let narrowest = (prepared.finest / PERIODS_PER_PIXEL).min(THIN_PICTURE_PX);
-        if kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX || pose.scale[0] < narrowest {
-            let [x, y] = pose.along.map(f64::abs);
-            let thin = prepared.thin.kernel(pose.scale, (x.min(y) / x.max(y)) as f32);
-            draw_thin(&lines, pose.weight, &thin, tile);
-            return;
-        }
-        let Scratch { waves, rows } = scratch;
+        let Scratch { waves, rows, .. } = scratch;
         let cosines = prepared.cosines();
         match &prepared.light {
             PatternLight::Cosines(Cosines { frame: PatternFrame::Edges(window), .. }) => {
@@ -227,6 +276,32 @@ impl Pose {
         let corner = [0, 1]
             .map(|axis| f64::from(kernel.middle[axis]) - across[axis] * middle[0] - along[axis] * middle[1]);
         Some(Self { across, along, scale, corner, weight: kernel.weight })
+    }
+
+    /// Pixels that the light of `prepared` may touch: left, top, right, bottom.
+    fn bounds(&self, prepared: &Prepared) -> [i32; 4] {
+        let range = prepared.range();
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for u in range[0] {
+            for v in range[1] {
+                for axis in 0..2 {
+                    let at = self.corner[axis]
+                        + self.across[axis] * u * self.scale[0]
+                        + self.along[axis] * v * self.scale[1];
+                    low[axis] = low[axis].min(at);
+                    high[axis] = high[axis].max(at);
+                }
+            }
+        }
+        // Pixels whose square meets the range: a pixel's shadow reaches half a pixel along either axis.
+        let whole = |value: f64| value.clamp(-1e9, 1e9) as i32;
+        [
+            whole((low[0] - 0.5).floor()),
+            whole((low[1] - 0.5).floor()),
+            whole((high[0] + 0.5).ceil()),
+            whole((high[1] + 0.5).ceil()),
+        ]
     }
 
     /// Profiles across and along, seen through this kernel's pixels. Rows of earlier kernels keep their memory.

@@ -10,7 +10,10 @@ pub mod frame;
 mod grain;
 pub mod ground;
 pub mod hills;
+mod lamps;
 pub mod light;
+pub mod line;
+pub mod rain;
 mod shelter;
 
 use boxes::Boxes;
@@ -19,6 +22,7 @@ use glam::{Vec2, Vec3};
 use ground::Material;
 use hills::Hills;
 use squall_formats::section::town::{Block, StreetLamp, TownSection};
+use std::sync::OnceLock;
 
 /// What a ray met.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +70,7 @@ pub struct Town {
     hills: Option<Hills>,
     material: Material,
     lamps: Vec<StreetLamp>,
+    reaches: OnceLock<Vec<lamps::LampReach>>,
 }
 
 /// Rays start this far off a surface, relative to their distance from the origin, so as not to meet it again.
@@ -84,6 +89,7 @@ impl Town {
             hills: section.hills.as_ref().map(Hills::new),
             material: Material::new(&section.ground),
             lamps: section.lamps.clone(),
+            reaches: OnceLock::new(),
         }
     }
 

@@ -90,7 +90,7 @@ fn the_map_keeps_directions_at_its_folds_and_corners() {
             texels: (0..SIDE * SIDE)
                 .map(|i| {
                     let (x, y) = (i % SIDE, i / SIDE);
-                    let d = unfolded(
+                    let d = unfold(
                         2.0 * x as f64 / Map::STEPS as f64 - 1.0,
                         2.0 * y as f64 / Map::STEPS as f64 - 1.0,
                     );

@@ -32,6 +32,7 @@ fn footprint(random: &mut Random) -> Footprint {
         length: random.range(0.0, 120.0),
         width: libm::exp2(random.range(-6.0, 4.0)),
         pattern: random.bits() as u32,
+        ..Footprint::default()
     }
 }
 
@@ -62,7 +63,7 @@ fn an_even_picture_is_a_rectangles_coverage_of_each_pixel() {
     for (length, width) in [(0.0, 0.3), (31.3, 0.04), (17.9, 2.3), (5.2, 40.1)] {
         for axis in [[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]] {
             let centre = [100.37, 119.81];
-            let footprint = Footprint { centre, axis, length, width, pattern: 0 };
+            let footprint = Footprint { centre, axis, length, width, pattern: 0, ..Footprint::default() };
             let drawn = pixels(&set, &footprint, ALL);
             let long = length + width;
             let size = if axis[0] == 0.0 { [width, long] } else { [long, width] };
@@ -88,7 +89,14 @@ fn a_picture_drawn_upright_at_its_own_size_is_the_picture() {
     assert_eq!(body, Body { u: [5.0 / 24.0, 17.0 / 24.0], v: [8.0 / 90.0, 80.0 / 90.0] });
     // u runs along x where the drop falls down the picture.
     let middle = [100.0 + 11.0, 100.0 + 44.0];
-    let footprint = Footprint { centre: middle, axis: [0.0, 1.0], length: 60.0, width: 12.0, pattern: 3 };
+    let footprint = Footprint {
+        centre: middle,
+        axis: [0.0, 1.0],
+        length: 60.0,
+        width: 12.0,
+        pattern: 3,
+        ..Footprint::default()
+    };
     let drawn = pixels(&set, &footprint, ALL);
     let total: f64 = picture.pixels.iter().map(|&light| f64::from(light)).sum();
     for (i, &light) in picture.pixels.iter().enumerate() {
@@ -164,7 +172,7 @@ fn a_footprint_cut_into_clips_is_the_same_footprint_and_stays_within_its_bounds(
             }
         }
         assert!(whole == cut, "{footprint:?}");
-        let bounds = set.bounds(&footprint).unwrap();
+        let bounds = set.place(&footprint).unwrap().0;
         for (i, _) in whole.iter().enumerate().filter(|(_, share)| **share > 0.0) {
             let (x, y) = (i as i32 % SIDE, i as i32 / SIDE);
             assert!(x >= bounds.left && x < bounds.right && y >= bounds.top && y < bounds.bottom);
@@ -175,8 +183,15 @@ fn a_footprint_cut_into_clips_is_the_same_footprint_and_stays_within_its_bounds(
 #[test]
 fn what_is_no_streak_draws_nothing() {
     let set = PictureSet::new(&[even()], 4);
-    let streak = Footprint { centre: [9.0; 2], axis: [0.0, 1.0], length: 9.0, width: 1.0, pattern: 0 };
-    assert!(set.bounds(&streak).is_some() && PictureSet::new(&[], 4).bounds(&streak).is_none());
+    let streak = Footprint {
+        centre: [9.0; 2],
+        axis: [0.0, 1.0],
+        length: 9.0,
+        width: 1.0,
+        pattern: 0,
+        ..Footprint::default()
+    };
+    assert!(set.place(&streak).is_some() && PictureSet::new(&[], 4).place(&streak).is_none());
     for broken in [
         Footprint { width: 0.0, ..streak },
         Footprint { width: f64::NAN, ..streak },
@@ -184,7 +199,7 @@ fn what_is_no_streak_draws_nothing() {
         Footprint { axis: [0.0; 2], ..streak },
         Footprint { centre: [f64::NAN, 0.0], ..streak },
     ] {
-        assert_eq!(set.bounds(&broken), None, "{broken:?}");
+        assert_eq!(set.place(&broken), None, "{broken:?}");
         assert!(pixels(&set, &broken, ALL).iter().all(|&share| share == 0.0));
     }
 }

@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         for (name, streak) in names.iter().zip(&streaks) {
             let frame = paths[streak.frame].file_name().unwrap_or_default().to_string_lossy();
             let text = format!("cut out of {frame} by squall streaks extract");
-            write_atomically(&folder.join(name), |out| write_png16(&streak.picture, &text, out))?;
+            write_atomically(&folder.join(name), |out| write_png16(&streak.picture, &text, None, out))?;
         }
         Ok(())
     })?;

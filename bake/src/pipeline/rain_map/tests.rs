@@ -70,6 +70,20 @@ fn a_cloud_rains_where_its_columns_hold_water_and_from_its_base() {
 }
 
 #[test]
+fn a_shower_beside_a_map_makes_it_larger_and_the_heavier_rain_wins() {
+    let file = numbers(&[8.0, 8.0, 8.0, 8.0]);
+    let keys = "file = \"map.f32\"\ncells = [2, 2]\norigin_m = [0.0, 0.0]\ncell_m = 10.0\n\
+        showers = [{ centre_m = [-25.0, 5.0], radius_m = 8.0, softness_m = 20.0, rate_mm_per_h = 40.0 }]";
+    let map = place_of(keys, &[("map.f32", &file)]).unwrap().map.unwrap();
+    // The shower reaches from −53 to 3 along x and from −23 to 33 along y.
+    assert_eq!((map.origin_m, map.size, map.heaviest_mm_per_h), ([-60.0, -30.0], [8, 7], 40.0));
+    let at = |x: usize, y: usize| map.rates()[y * 8 + x];
+    assert!((at(3, 3) - 40.0).abs() < 1e-2 && (at(7, 4) - 8.0).abs() < 1e-2 && at(7, 6) == 0.0);
+    // Its edge, 12 m out of 20: 16 mm/h beside the map's own 8.
+    assert!((at(5, 3) - 16.0).abs() < 1e-2, "{}", at(5, 3));
+}
+
+#[test]
 fn maps_that_make_no_sense_are_refused_with_the_key() {
     let file = numbers(&[0.0, 5.0, -1.0, 10.0]);
     let whole = "file = \"map.f32\"\ncells = [2, 2]\norigin_m = [0.0, 0.0]\ncell_m = 25.0\n";

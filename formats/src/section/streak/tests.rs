@@ -16,6 +16,7 @@ fn streak(pattern: Pattern) -> StreakPattern {
         psnr_db: 31.25,
         ssim: 0.9,
         notes: Some(DropNotes { diameter_mm: 1.5, exposure_ms: 8.0 }),
+        scene: None,
         pattern,
     }
 }
@@ -62,7 +63,7 @@ fn what_was_read_writes_the_same_bytes_and_reads_the_same() {
         section.patterns.iter().map(|streak| streak.pattern.kind()).collect::<Vec<_>>()
     };
     assert_eq!(names(&once), names(&every_kind()));
-    assert!(StreakSection::read(&bytes, 2, &Limits::default()).is_err(), "a newer version");
+    assert!(StreakSection::read(&bytes, 3, &Limits::default()).is_err(), "a newer version");
     for pattern in &every_kind().patterns {
         assert_eq!(pattern.quantised(), pattern.quantised().quantised());
     }
@@ -334,4 +335,35 @@ proptest! {
     fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let _ = read(&bytes);
     }
+}
+
+#[test]
+fn what_a_picture_shows_is_kept_in_a_second_version_and_silence_in_the_first() {
+    let silent = every_kind();
+    assert_eq!(silent.version(), 1);
+    let mut telling = silent.clone();
+    telling.patterns[1].scene = Some(SceneNotes {
+        view_elevation_deg: 62.0,
+        light_share: 0.4,
+        light_azimuth_deg: -175.0,
+        light_elevation_deg: 12.0,
+    });
+    assert_eq!(telling.version(), 2);
+    let bytes = telling.write();
+    let limits = Limits::default();
+    let read = StreakSection::read(&bytes, 2, &limits).unwrap();
+    assert_eq!((read.patterns[1].scene, read.write()), (telling.patterns[1].scene, bytes.clone()));
+    assert!((read.patterns[0].scene, read.patterns[1].quantised()) == (None, read.patterns[1].clone()));
+    // Neither is read as the other.
+    assert!(StreakSection::read(&bytes, 1, &limits).is_err());
+    assert!(StreakSection::read(&silent.write(), 2, &limits).is_err());
+    for cut in 0..bytes.len() {
+        assert!(StreakSection::read(&bytes[..cut], 2, &limits).is_err());
+    }
+    // An azimuth beyond half a turn: its two bytes stand before the elevation's one, at the end of the second record.
+    let at = bytes.windows(4).position(|window| window == [102, 81, 255, 12]).unwrap() + 1;
+    let mut damaged = bytes;
+    damaged[at..at + 2].copy_from_slice(&200i16.to_le_bytes());
+    let error = StreakSection::read(&damaged, 2, &limits).unwrap_err().to_string();
+    assert!(error.contains("azimuth of the light"), "{error}");
 }

@@ -8,13 +8,8 @@
 use super::edge::{LANES, NARROWEST_BOX, PIXEL_VARIANCE};
 use super::frame::Weigh;
 use super::prepare::{Cosines, Term};
-use super::thin::{THIN_LANES, ThinKernel};
 use super::{Pose, Tile};
 use std::f64::consts::{PI, TAU};
-
-/// Along four pixels of a line that gains no more than this along the streak per pixel, V is as good as
-/// linear: streaks within 6° of a lattice line.
-const STEEP: f32 = 0.1;
 
 /// Radians a pixel below which a wave is as good as level.
 const SLOW: f64 = 1e-2;
@@ -134,38 +129,6 @@ impl Lines {
         let strides = [1, tile.width];
         let along = (from - tile.origin[self.fast]) as usize * strides[self.fast];
         (along + (line - tile.origin[self.slow]) as usize * strides[self.slow], strides[self.fast])
-    }
-}
-
-/// Draws a thin kernel.
-pub(super) fn draw_thin(lines: &Lines, weight: f32, kernel: &ThinKernel, tile: &mut Tile) {
-    let [across_step, along_step] = lines.step.map(|step| step as f32);
-    for line in lines.clip[1][0]..lines.clip[1][1] {
-        let begin = lines.entry(line);
-        let from = begin.max(lines.clip[0][0]);
-        let to = begin.saturating_add(lines.count as i32).min(lines.clip[0][1]);
-        if from >= to {
-            continue;
-        }
-        let [mut across, mut along] = lines.place(from, line).map(|place| place as f32);
-        let (mut index, stride) = lines.index(tile, line, from);
-        let mut left = (to - from) as usize;
-        let mut near = kernel.along(along, weight);
-        while left > 0 {
-            let values = if along_step.abs() > STEEP {
-                std::array::from_fn(|lane| kernel.along(along + along_step * lane as f32, weight))
-            } else {
-                let far = kernel.along(along + along_step * THIN_LANES as f32, weight);
-                ThinKernel::between(&std::mem::replace(&mut near, far), &far)
-            };
-            along += along_step * THIN_LANES as f32;
-            let lights = kernel.at(across, across_step, &values);
-            let count = left.min(THIN_LANES);
-            add_to_line(&mut tile.alpha[index..], stride, &lights[..count]);
-            across += across_step * THIN_LANES as f32;
-            index += count * stride;
-            left -= count;
-        }
     }
 }
 

@@ -41,6 +41,16 @@ impl Profile {
         Self { values, first, second }
     }
 
+    /// Integral over [0, 1].
+    pub fn integral(&self) -> f64 {
+        self.first[INTERVALS]
+    }
+
+    /// Mean square over [0, 1].
+    pub fn square(&self) -> f64 {
+        self.values.iter().map(|value| value * value).sum::<f64>() / self.values.len() as f64
+    }
+
     /// Second integral from 0 to `x`, any `x`: cubic between nodes, exact outside.
     fn second_integral(&self, x: f64) -> f64 {
         if x <= 0.0 {

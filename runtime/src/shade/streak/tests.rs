@@ -37,6 +37,7 @@ fn streak(pattern: Pattern) -> StreakPattern {
         psnr_db: 0.0,
         ssim: 0.0,
         notes: None,
+        scene: None,
         pattern,
     }
 }

@@ -5,6 +5,7 @@ use super::grain::{Grain, grain};
 use super::light::{Lighting, Mirror, Parts};
 use crate::camera::{Camera, Projection};
 use crate::parallel::prelude::*;
+use crate::picture::Picture;
 use glam::{DVec3, Vec3};
 
 /// How finely a picture is sampled.
@@ -25,8 +26,8 @@ impl Default for Quality {
 /// What a pixel shows of the town.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TownPixel {
-    /// Radiance of the town's share of the pixel, W/(m² sr), already times `cover`, plus visible lamps. A picture
-    /// is `radiance + (1 − cover) · sky`.
+    /// Radiance of the town's share of the pixel, W/(m² sr), already times `cover`, without the lamps themselves. A
+    /// picture is `radiance + (1 − cover) · sky`.
     pub radiance: [f32; 3],
     /// Share of the pixel that the town and its ground cover, in [0, 1].
     pub cover: f32,
@@ -80,7 +81,6 @@ impl Town {
             1 => self.render_parts::<1>(camera, lighting, quality, frame),
             _ => self.render_parts::<MOST_STROKES>(camera, lighting, quality, frame),
         }
-        self.draw_lamps(camera, frame);
     }
 
     fn render_parts<const N: usize>(
@@ -152,8 +152,9 @@ impl Town {
         (pixel, light.strokes)
     }
 
-    /// Adds the street lamps that are in view as small round spots that carry all their light.
-    fn draw_lamps(&self, camera: &Camera, frame: &mut TownFrame) {
+    /// Adds the street lamps that are in view to a picture, as small round spots that carry all their light; `left` is the share per
+    /// colour that gets from a place to the eye, through whatever is between: a lamp is as far as it is, not as what stands behind.
+    pub fn draw_lamps(&self, camera: &Camera, left: &dyn Fn(DVec3) -> [f32; 3], picture: &mut Picture) {
         for lamp in &self.lamps {
             let position = Vec3::from_array(lamp.position);
             let Some(place) = camera.project(position.as_dvec3()) else { continue };
@@ -165,6 +166,8 @@ impl Town {
             if place.depth <= 0.0 || self.is_blocked(eye.as_vec3(), position) {
                 continue;
             }
+            let left = left(position.as_dvec3());
+            let intensity: [f32; 3] = std::array::from_fn(|band| lamp.intensity[band] * left[band]);
             let per_metre = match camera.projection {
                 Projection::Perspective { .. } => camera.pixels_per_metre() / distance,
                 Projection::Orthographic { .. } => camera.pixels_per_metre(),
@@ -179,13 +182,13 @@ impl Town {
                 low..high
             };
             let scale = per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);
-            for y in range(cy, frame.height) {
-                for x in range(cx, frame.width) {
+            for y in range(cy, picture.height) {
+                for x in range(cx, picture.width) {
                     let (dx, dy) = (x as f32 + 0.5 - cx, y as f32 + 0.5 - cy);
                     let share = scale * libm::expf(-(dx * dx + dy * dy) / (2.0 * sigma * sigma));
-                    let pixel = &mut frame.pixels[y * frame.width + x];
+                    let pixel = &mut picture.pixels[y * picture.width + x];
                     for band in 0..3 {
-                        pixel.radiance[band] += lamp.intensity[band] * share;
+                        pixel[band] += intensity[band] * share;
                     }
                 }
             }
@@ -197,6 +200,8 @@ impl Town {
 mod tests {
     use super::*;
     use crate::shade::town::light::{GlowLight, SceneLight};
+    use crate::shade::town::line::LineLight;
+    use crate::shade::town::rain::NoRain;
     use crate::shade::town::tests::small_town;
     use squall_formats::units::Radians;
 
@@ -214,6 +219,8 @@ mod tests {
             strokes: &[],
             glows: &[],
             leaves: &|_, direction| [direction.z; 3],
+            sun: None,
+            rain: &NoRain,
         }
     }
 
@@ -240,7 +247,13 @@ mod tests {
         let town = small_town();
         let glow = GlowLight { centre: Vec3::new(0.0, 9e3, 4e3), radius: 2e3, radiance: [1.0; 3] };
         let bolt = SceneLight { position: Vec3::new(50.0, 3e3, 900.0), intensity: [1e6; 3], visibility: 1.0 };
-        let lighting = Lighting { points: &[bolt], images: &[bolt], glows: &[glow], ..lighting() };
+        let line = LineLight {
+            from: bolt.position,
+            to: bolt.position + Vec3::Z * 300.0,
+            intensity: bolt.intensity,
+            visibility: 1.0,
+        };
+        let lighting = Lighting { points: &[bolt], images: &[line], glows: &[glow], ..lighting() };
         for power in 0..40 {
             // Beside the tower, downwards and upwards.
             for down in [1.0, -1.0, 0.0] {
@@ -328,10 +341,9 @@ mod tests {
         /// The spot is cut at three standard deviations.
         const CUT: f32 = 0.02;
         let (town, camera) = (small_town(), camera());
-        let empty = vec![SKY; 64 * 48];
-        let mut frame = TownFrame { width: 64, height: 48, pixels: empty, strokes: Vec::new() };
-        town.draw_lamps(&camera, &mut frame);
-        let sum: f32 = frame.pixels.iter().map(|pixel| pixel.radiance[0]).sum();
+        let mut picture = Picture::new(64, 48).unwrap();
+        town.draw_lamps(&camera, &|_| [0.5, 1.0, 1.0], &mut picture);
+        let sum: f32 = 2.0 * picture.pixels.iter().map(|pixel| pixel[0]).sum::<f32>();
         // Each pixel near the axis covers 1/f² steradian at unit distance.
         let per_metre = camera.pixels_per_metre() as f32;
         let way = Vec3::new(4.0, 50.0, 5.0);

@@ -6,8 +6,11 @@
 //! streaks of \[toyshop\] §6.3 without a blur pass.
 
 use super::ground::FILM_SLOPE;
+use super::line::LineLight;
+use super::rain::RainBetween;
 use super::{Hit, Surface, Town};
 use crate::shade::water::{GLASS, fresnel_reflectance, rippled_highlight, water_reflectance};
+use crate::world::Sun;
 use glam::{Vec2, Vec3};
 
 /// A light without extent.
@@ -37,8 +40,8 @@ pub struct GlowLight {
 pub struct StrokeLights {
     /// Points that light surfaces and cast shadows.
     pub points: Vec<SceneLight>,
-    /// Points whose image stands in the water.
-    pub images: Vec<SceneLight>,
+    /// Lines whose image stands in the water.
+    pub images: Vec<LineLight>,
 }
 
 /// Light of everything else, and of up to `N` strokes apart: all of it goes the same way, and each part scales with its source.
@@ -81,9 +84,9 @@ pub struct Lighting<'a> {
     pub ambient: &'a (dyn Fn(Vec3) -> [f32; 3] + Sync),
     /// Points that light surfaces and cast shadows: a stroke as a handful of points.
     pub points: &'a [SceneLight],
-    /// Points whose image stands in the water: a stroke's channel, finely divided. What is listed here must not
+    /// Lines whose image stands in the water: a stroke's channel. What is listed here must not
     /// be in the closure that says what leaving rays see, or its image stands there twice.
-    pub images: &'a [SceneLight],
+    pub images: &'a [LineLight],
     /// Strokes whose light is to be told apart; those beyond the parts that are asked for are left out.
     pub strokes: &'a [StrokeLights],
     /// Lit cloud, as light on surfaces without shadows; its image comes from the closure.
@@ -91,6 +94,10 @@ pub struct Lighting<'a> {
     /// Radiance of a ray (origin m, unit direction) that meets nothing: sky and cloud, W/(m² sr). Reflections alone
     /// ask for it, several times a pixel: [`crate::shade::environment`] makes it cheap.
     pub leaves: &'a (dyn Fn(Vec3, Vec3) -> [f32; 3] + Sync),
+    /// The sun, where it shines: with shadows, and a glint on the water.
+    pub sun: Option<Sun>,
+    /// The rain that every light comes through on its own way.
+    pub rain: &'a dyn RainBetween,
 }
 
 /// How a rough mirror is looked into for one sample of a pixel.
@@ -110,11 +117,11 @@ pub struct Mirror {
     pub points: f32,
 }
 
-/// Irradiance below which a light is not worth its cosine, W/m² per W/m² of the brightest.
-const FAINT: f32 = 1e-7;
+/// As far as anything that casts a shadow may stand, m.
+const FARTHEST_SHADE_M: f32 = 5e4;
 
 /// Irradiance of one point on a surface, per colour, without shadow.
-fn irradiance(light: &SceneLight, point: Vec3, normal: Vec3) -> [f32; 3] {
+pub(super) fn irradiance(light: &SceneLight, point: Vec3, normal: Vec3) -> [f32; 3] {
     let way = light.position - point;
     let squared = way.length_squared().max(1e-6);
     let cosine = normal.dot(way) / squared.sqrt();
@@ -171,17 +178,19 @@ impl Town {
             for light in lights {
                 let own = irradiance(light, hit.point, hit.normal);
                 if own.iter().any(|&v| v > 0.0) && !self.is_blocked(start, light.position) {
-                    add(sum, 1.0, own);
+                    add(sum, lighting.rain.left(start, light.position), own);
                 }
             }
         };
         shadowed(&mut sum, lighting.points);
-        for lamp in self.street_lights() {
-            let own = irradiance(&lamp, hit.point, hit.normal);
-            if own[0] + own[1] + own[2] > FAINT {
-                add(&mut sum, 1.0, own);
+        if let Some(sun) = &lighting.sun {
+            let cosine = hit.normal.dot(sun.towards);
+            if cosine > 0.0 && self.sees(start, sun.towards) {
+                add(&mut sum, cosine, sun.irradiance);
             }
         }
+        let lamps = self.lamp_irradiance(hit, lighting, sum);
+        add(&mut sum, 1.0, lamps);
         let mut parts = Parts::of(sum);
         for (sum, stroke) in parts.strokes.iter_mut().zip(lighting.strokes) {
             shadowed(sum, &stroke.points);
@@ -189,12 +198,31 @@ impl Town {
         parts
     }
 
-    fn street_lights(&self) -> impl Iterator<Item = SceneLight> {
-        self.lamps.iter().map(|lamp| SceneLight {
-            position: Vec3::from_array(lamp.position),
-            intensity: lamp.intensity,
-            visibility: 1.0,
-        })
+    /// Whether nothing of the town stands before the sky in unit direction `towards`.
+    fn sees(&self, start: Vec3, towards: Vec3) -> bool {
+        !self.is_blocked(start, start + towards * FARTHEST_SHADE_M)
+    }
+
+    /// What a mirrored ray sees: the town, or what is beyond, through the rain on its way.
+    fn seen<const N: usize>(
+        &self,
+        start: Vec3,
+        onward: Vec3,
+        blur: impl Fn(f32) -> f32,
+        lighting: &Lighting,
+    ) -> Parts<N> {
+        let (light, metres) = match self.trace(start, onward, f32::MAX) {
+            Some(other) => {
+                let surface = self.surface(&other, blur(other.distance));
+                (self.matt(&other, &surface, lighting), other.distance)
+            }
+            None => (Parts::of((lighting.leaves)(start, onward)), f32::INFINITY),
+        };
+        let (left, added) = lighting.rain.along(start, onward, metres);
+        // A hidden sky contributes nothing, however bright it is.
+        let mut light = light.each(|_, value| if left > 0.0 { value * left } else { 0.0 });
+        add(&mut light.base, 1.0, added);
+        light
     }
 
     /// What a spot sends back towards the eye all around: its own light and what it scatters.
@@ -222,10 +250,9 @@ impl Town {
         if surface.glass > 0.0 {
             let cosine = -direction.dot(hit.normal);
             let seen = direction + hit.normal * (2.0 * cosine);
-            if seen.z > 0.0 {
-                let share = surface.glass * fresnel_reflectance(cosine, GLASS);
-                add(&mut light.base, share, (lighting.leaves)(Self::lifted(hit), seen));
-            }
+            let share = surface.glass * fresnel_reflectance(cosine, GLASS);
+            // A pane is flat: it shows things as finely as the pixel does.
+            light.add(share, self.seen(Self::lifted(hit), seen, |_| footprint, lighting));
         }
         if surface.wet > 0.0 {
             let (mut mirrored, share) = self.mirrored(direction, hit, &surface, lighting, mirror);
@@ -268,13 +295,8 @@ impl Town {
             onward.z = onward.z.abs().max(1e-4);
             let onward = onward.normalize();
             let reflected = seen * water_reflectance(seen);
-            let light = match self.trace(start, onward, f32::MAX) {
-                Some(other) => {
-                    let blur = other.distance * (surface.slope + mirror.angle);
-                    self.matt(&other, &self.surface(&other, blur), lighting)
-                }
-                None => Parts::of((lighting.leaves)(start, onward)),
-            };
+            let blur = |metres: f32| metres * (surface.slope + mirror.angle);
+            let light = self.seen(start, onward, blur, lighting);
             sum.add(reflected, light);
             share += reflected;
             weights += seen;
@@ -288,22 +310,45 @@ impl Town {
         }
         // A pixel's own width adds to the facets' spread, so that no highlight falls between pixels.
         let slope = (surface.slope * surface.slope + 0.25 * mirror.angle * mirror.angle).sqrt();
-        let shown = |sum: &mut [f32; 3], light: &SceneLight| {
-            let way = light.position - hit.point;
-            let squared = way.length_squared().max(1e-4);
-            let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
-            let share = mirror.points * highlight * light.visibility / squared;
-            // What adds less than a thousandth is not worth asking whether a wall stands before it.
-            let faint = share * light.intensity[1] < 1e-3 * sum[1];
-            if highlight > 0.0 && (faint || !self.is_blocked(start, light.position)) {
-                add(sum, share, light.intensity);
+        // What adds less than a thousandth is not worth asking whether a wall stands before it.
+        let faint = |share: f32, light: f32, sum: &[f32; 3]| share * light < 1e-3 * sum[1];
+        let shown = |sum: &mut [f32; 3], light: &LineLight| {
+            let bright = light.highlight(hit.point, hit.normal, to_viewer, slope);
+            let share = mirror.points * bright * light.visibility;
+            let middle = light.middle();
+            let faint = faint(share, light.intensity[1], sum);
+            if share > 0.0 && (faint || !self.is_blocked(start, middle)) {
+                add(sum, share * lighting.rain.left(start, middle), light.intensity);
             }
         };
-        let lamps = self.street_lights();
-        lighting.images.iter().copied().chain(lamps).for_each(|light| shown(&mut sum.base, &light));
+        lighting.images.iter().for_each(|light| shown(&mut sum.base, light));
         // Measured against the stroke's own light, what is faint is so at any brightness.
         for (sum, stroke) in sum.strokes.iter_mut().zip(lighting.strokes) {
             stroke.images.iter().for_each(|light| shown(sum, light));
+        }
+        for (number, lamp) in self.street_lights().enumerate() {
+            let way = lamp.position - hit.point;
+            let squared = way.length_squared().max(1e-4);
+            let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
+            let share = mirror.points * highlight / squared;
+            if share > 0.0 {
+                let reach = if faint(share, lamp.intensity[1], &sum.base) {
+                    1.0
+                } else {
+                    self.lamp_share(number, hit)
+                };
+                add(&mut sum.base, share * reach * lighting.rain.left(start, lamp.position), lamp.intensity);
+            }
+        }
+        if let Some(sun) = &lighting.sun {
+            // A facet's tilt turns a reflection by twice as much, so the disc counts with half its size; a disc's standard
+            // deviation along one axis is half its radius.
+            let disc = 0.25 * sun.angular_radius.0 as f32;
+            let slope = (slope * slope + disc * disc).sqrt();
+            let share = mirror.points * rippled_highlight(hit.normal, sun.towards, to_viewer, slope);
+            if share > 0.0 && self.sees(start, sun.towards) {
+                add(&mut sum.base, share, sun.irradiance);
+            }
         }
         (sum, share)
     }
@@ -312,7 +357,14 @@ impl Town {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shade::town::rain::NoRain;
     use crate::shade::town::tests::small_town;
+
+    /// A point as a line of a metre.
+    fn line(light: &SceneLight) -> LineLight {
+        let SceneLight { position, intensity, visibility } = *light;
+        LineLight { from: position - Vec3::Z * 0.5, to: position + Vec3::Z * 0.5, intensity, visibility }
+    }
 
     fn dark(_: Vec3) -> [f32; 3] {
         [0.0; 3]
@@ -322,8 +374,16 @@ mod tests {
         [0.0; 3]
     }
 
-    const NOTHING: Lighting =
-        Lighting { ambient: &dark, points: &[], images: &[], strokes: &[], glows: &[], leaves: &black };
+    const NOTHING: Lighting = Lighting {
+        ambient: &dark,
+        points: &[],
+        images: &[],
+        strokes: &[],
+        glows: &[],
+        leaves: &black,
+        sun: None,
+        rain: &NoRain,
+    };
     const MIRROR: Mirror = Mirror { facets: 64, sample: [0, 1], shift: Vec2::ZERO, angle: 1e-3, points: 1.0 };
 
     /// Looks from 2 m above the wet plain at a spot ahead, away from the tower.
@@ -384,8 +444,10 @@ mod tests {
             visibility: 0.5,
         };
         let (near, far) = (vec![light(-900.0)], vec![light(-2000.0)]);
-        let stroke =
-            |lights: &[SceneLight]| StrokeLights { points: lights.to_vec(), images: lights.to_vec() };
+        let stroke = |lights: &[SceneLight]| StrokeLights {
+            points: lights.to_vec(),
+            images: lights.iter().map(line).collect(),
+        };
         let strokes = [stroke(&near), stroke(&far)];
         let town = small_town();
         let direction = Vec3::new(0.0, -6.0, -2.0).normalize();
@@ -397,7 +459,8 @@ mod tests {
         /// Single-precision sums of light and dark.
         const ROUND_OFF: f32 = 1e-4;
         for (lights, found) in [near, far].iter().zip(apart.strokes) {
-            let whole = shade(&Lighting { points: lights, images: lights, ..NOTHING }).base;
+            let images: Vec<LineLight> = lights.iter().map(line).collect();
+            let whole = shade(&Lighting { points: lights, images: &images, ..NOTHING }).base;
             for band in 0..3 {
                 let wanted = whole[band] - dark[band];
                 assert!(wanted > 0.0 && (found[band] / wanted - 1.0).abs() < ROUND_OFF, "{found:?}");
@@ -424,7 +487,8 @@ mod tests {
             intensity: [1e9; 3],
             visibility: 1.0,
         };
-        let lighting = Lighting { images: &[bolt], ..NOTHING };
+        let images = [line(&bolt)];
+        let lighting = Lighting { images: &images, ..NOTHING };
         let eye = Vec3::new(0.0, -50.0, 2.0);
         let mirror_elevation = libm::atan2f(600.0, 4_191.0);
         let heading = libm::atan2f(-2_950.0, 3_000.0);
@@ -438,5 +502,111 @@ mod tests {
         let middle = brightness(0.0, 0.0);
         assert!(middle > 100.0 * brightness(0.02, 0.0), "dark 20 mrad aside");
         assert!(brightness(0.0, 0.015) > 0.2 * middle, "still bright 15 mrad below");
+    }
+
+    /// Beer and Lambert's rain of one extinction, which shows one radiance.
+    struct Even {
+        per_metre: f32,
+        radiance: f32,
+    }
+
+    impl RainBetween for Even {
+        fn left(&self, from: Vec3, to: Vec3) -> f32 {
+            libm::expf(-self.per_metre * from.distance(to))
+        }
+
+        fn along(&self, _: Vec3, _: Vec3, metres: f32) -> (f32, [f32; 3]) {
+            let left = libm::expf(-self.per_metre * metres);
+            (left, [self.radiance * (1.0 - left); 3])
+        }
+    }
+
+    #[test]
+    fn a_lamps_image_in_rain_is_the_lamp_at_its_distance_and_its_way_to_the_water() {
+        /// Single precision, and facets that mirror the lamp from some centimetres aside.
+        const ROUND_OFF: f32 = 2e-3;
+        let town = small_town();
+        let (eye, lamp) = (Vec3::new(4.0, -60.0, 2.0), Vec3::new(4.0, 30.0, 8.0));
+        // Where a still mirror shows it: heights share the way as 2 to 8.
+        let at = eye.lerp(Vec3::new(4.0, 30.0, -8.0), 0.2);
+        let direction = (at - eye).normalize();
+        let hit = town.trace(eye, direction, 1e3).unwrap();
+        let image = |per_metre: f32| {
+            let rain = Even { per_metre, radiance: 0.0 };
+            // Nothing but the water's highlight: light on the ground below the water has its own way.
+            let lighting = Lighting { rain: &rain, ..NOTHING };
+            let all = town.shade::<0>(direction, &hit, 0.01, &lighting, MIRROR).base[0];
+            let none = Mirror { points: 0.0, ..MIRROR };
+            all - town.shade::<0>(direction, &hit, 0.01, &lighting, none).base[0]
+        };
+        let per_metre = 0.02;
+        let to_eye = libm::expf(-per_metre * eye.distance(at));
+        let found = image(per_metre) * to_eye / image(0.0);
+        let wanted = libm::expf(-per_metre * (eye.distance(at) + at.distance(lamp)));
+        assert!((found / wanted - 1.0).abs() < ROUND_OFF, "{found} {wanted}");
+    }
+
+    #[test]
+    fn mirrors_and_panes_see_through_the_rain_and_show_it() {
+        let town = small_town();
+        let (rain, sky) = (Even { per_metre: 1.0, radiance: 0.25 }, |_: Vec3, _: Vec3| [7.0; 3]);
+        let wet = Lighting { leaves: &sky, rain: &rain, ..NOTHING };
+        let dry = Lighting { rain: &NoRain, ..wet };
+        let eye = Vec3::new(300.0, -60.0, 2.0);
+        let direction = Vec3::new(0.0, -6.0, -2.0).normalize();
+        let hit = town.trace(eye, direction, 1e5).unwrap();
+        let none = Mirror { points: 0.0, ..MIRROR };
+        let shade = |lighting: &Lighting| town.shade::<0>(direction, &hit, 0.01, lighting, none).base[0];
+        // An endless way ends in the rain's own radiance: the image scales as 0.25 to 7.
+        let dark = shade(&Lighting { leaves: &black, ..dry });
+        let [wet, dry] = [shade(&wet), shade(&dry)].map(|light| light - dark);
+        assert!((wet / dry - 0.25 / 7.0).abs() < 1e-3, "{wet} {dry}");
+    }
+
+    #[test]
+    fn a_pane_shows_what_stands_before_it_in_every_direction() {
+        // The tower's south wall from above: its panes mirror the ground below the horizon, which is lit.
+        let town = small_town();
+        let lit = Lighting { ambient: &|_| [3.0; 3], ..NOTHING };
+        let eye = Vec3::new(0.0, 60.0, 40.0);
+        let (mut seen, mut panes) = (0.0f32, 0);
+        for i in 0..200 {
+            let target = Vec3::new(-9.0 + 0.09 * i as f32, 100.0, 20.0 + 0.1 * i as f32);
+            let direction = (target - eye).normalize();
+            let hit = town.trace(eye, direction, 1e3).unwrap();
+            let surface = town.surface(&hit, 0.01);
+            if surface.glass < 0.9 {
+                continue;
+            }
+            let onward = direction - hit.normal * (2.0 * direction.dot(hit.normal));
+            let light = town.seen::<0>(Town::lifted(&hit), onward, |_| 0.01, &lit).base[0];
+            assert!(onward.z > 0.0 || light > 0.0, "{target}: black below the horizon");
+            seen += light;
+            panes += 1;
+        }
+        assert!(panes > 20 && seen > 0.0);
+    }
+
+    #[test]
+    fn the_sun_lights_casts_shadows_and_glints() {
+        /// Single precision.
+        const ROUND_OFF: f32 = 1e-4;
+        let town = small_town();
+        let towards = Vec3::new(0.0, 0.8, 0.6);
+        let sun = Sun { towards, irradiance: [50.0, 40.0, 30.0], angular_radius: Sun::ANGULAR_RADIUS };
+        let lit = Lighting { sun: Some(sun), ..NOTHING };
+        let spot = |x: f32, y: f32| town.trace(Vec3::new(x, y, 2.0), Vec3::NEG_Z, 10.0).unwrap();
+        let on =
+            |hit: &Hit| town.irradiance::<0>(hit, &lit).base[1] - town.irradiance::<0>(hit, &NOTHING).base[1];
+        assert!((on(&spot(300.0, 50.0)) / (40.0 * 0.6) - 1.0).abs() < ROUND_OFF);
+        // The tower, 60 m high, stands between this spot and the sun.
+        assert_eq!(on(&spot(0.0, 50.0)), 0.0);
+        let eye = Vec3::new(300.0, 0.0, 2.0);
+        let glint = |down: f32| {
+            let direction = Vec3::new(0.0, 0.8, -down).normalize();
+            let hit = town.trace(eye, direction, 1e5).unwrap();
+            town.shade::<0>(direction, &hit, 0.01, &lit, MIRROR).base[1]
+        };
+        assert!(glint(0.6) > 100.0 * glint(0.3), "{} {}", glint(0.6), glint(0.3));
     }
 }

@@ -1,0 +1,148 @@
+//! Street lamps on a town: where each one's light reaches, and which of them a spot can leave out.
+//!
+//! A lamp stands still and so does the town, so what it reaches is traced once: the nearest box or hill in 64 × 64 directions,
+//! asked for between four of them. A box is convex: its own faces never shade themselves, whatever the map's steps say.
+
+use super::light::irradiance;
+use super::{Hit, Thing, Town};
+use crate::octahedron::{fold, unfold};
+use crate::parallel::prelude::*;
+use crate::shade::town::light::{Lighting, SceneLight};
+use glam::Vec3;
+
+/// Directions along each side of a lamp's map.
+const SIDE: usize = 64;
+/// A thing this much nearer than a spot is before it, as a share of the distance.
+const NEARER: f32 = 0.02;
+/// Lamps that add less than this share of what a spot has are left out.
+const LEAST: f32 = 1e-4;
+/// A texel without a block.
+const NO_BLOCK: u32 = u32::MAX;
+
+/// What stands nearest to a lamp in one direction.
+#[derive(Clone, Copy, Debug)]
+struct Nearest {
+    metres: f32,
+    block: u32,
+}
+
+/// What one lamp reaches.
+#[derive(Debug)]
+pub struct LampReach {
+    texels: Vec<Nearest>,
+}
+
+impl LampReach {
+    /// Traces from a lamp at `place` in all directions.
+    fn new(town: &Town, place: Vec3) -> Self {
+        let texel = |i: usize| {
+            let [x, y] = [i % SIDE, i / SIDE].map(|at| (2 * at + 1) as f64 / SIDE as f64 - 1.0);
+            let direction = unfold(x, y).as_vec3();
+            let hill = town.hills.as_ref().and_then(|hills| hills.meet(place, direction, f32::MAX));
+            let metres = hill.map_or(f32::MAX, |(metres, _)| metres);
+            match town.boxes.meet(place, direction, metres) {
+                Some(hit) => Nearest { metres: hit.distance, block: hit.block as u32 },
+                None => Nearest { metres, block: NO_BLOCK },
+            }
+        };
+        Self { texels: (0..SIDE * SIDE).map(texel).collect() }
+    }
+
+    /// Share of the lamp that reaches a spot `way` from it, in [0, 1]; `block` is what the spot is on.
+    fn share(&self, way: Vec3, block: u32) -> f32 {
+        let near = way.length() * (1.0 - NEARER);
+        let place = |v: f32| ((v * 0.5 + 0.5) * SIDE as f32 - 0.5).clamp(0.0, (SIDE - 1) as f32);
+        let [x, y] = fold(way).map(place);
+        let [column, row] = [x, y].map(|v| (v as usize).min(SIDE - 2));
+        let (u, v) = (x - column as f32, y - row as f32);
+        let lit = |dx: usize, dy: usize| {
+            let texel = self.texels[(row + dy) * SIDE + column + dx];
+            f32::from(texel.metres >= near || (texel.block == block && block != NO_BLOCK))
+        };
+        let (top, bottom) =
+            (lit(0, 0) + u * (lit(1, 0) - lit(0, 0)), lit(0, 1) + u * (lit(1, 1) - lit(0, 1)));
+        top + v * (bottom - top)
+    }
+}
+
+impl Town {
+    /// What every lamp reaches; traced when it is first asked for.
+    fn reaches(&self) -> &[LampReach] {
+        self.reaches.get_or_init(|| {
+            let reach = |lamp: &squall_formats::section::town::StreetLamp| {
+                LampReach::new(self, Vec3::from_array(lamp.position))
+            };
+            self.lamps.par_iter().map(reach).collect()
+        })
+    }
+
+    /// Share of lamp `number` that reaches a spot, past boxes and hills.
+    pub(super) fn lamp_share(&self, number: usize, hit: &Hit) -> f32 {
+        let block = match hit.thing {
+            Thing::Block(number, ..) => number as u32,
+            _ => NO_BLOCK,
+        };
+        self.reaches()[number].share(hit.point - Vec3::from_array(self.lamps[number].position), block)
+    }
+
+    /// Irradiance of the street lamps on a spot that has `so_far` from other lights, W/m²: each dimmed by the rain on its own way,
+    /// shadowed, and left out where it can't add a ten-thousandth.
+    pub(super) fn lamp_irradiance(&self, hit: &Hit, lighting: &Lighting, so_far: [f32; 3]) -> [f32; 3] {
+        let total = |light: [f32; 3]| light[0] + light[1] + light[2];
+        let lamps = || self.street_lights().map(|lamp| (irradiance(&lamp, hit.point, hit.normal), lamp));
+        let least = LEAST * (total(so_far) + lamps().map(|(own, _)| total(own)).sum::<f32>());
+        let mut sum = [0.0; 3];
+        for (number, (own, lamp)) in lamps().enumerate() {
+            if total(own) <= least {
+                continue;
+            }
+            let reach = self.lamp_share(number, hit);
+            if reach > 0.0 {
+                let share = reach * lighting.rain.left(hit.point, lamp.position);
+                (0..3).for_each(|band| sum[band] += share * own[band]);
+            }
+        }
+        sum
+    }
+
+    pub(super) fn street_lights(&self) -> impl Iterator<Item = SceneLight> {
+        self.lamps.iter().map(|lamp| SceneLight {
+            position: Vec3::from_array(lamp.position),
+            intensity: lamp.intensity,
+            visibility: 1.0,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shade::town::tests::small_town;
+
+    #[test]
+    fn a_lamp_reaches_what_rays_reach() {
+        let town = small_town();
+        let lamp = Vec3::from_array(town.lamps[0].position);
+        let spot = |target: Vec3, eye: Vec3| town.trace(eye, (target - eye).normalize(), 1e4).unwrap();
+        let (mut same, mut all) = (0, 0);
+        for i in 0..60 {
+            for k in 0..60 {
+                let on = Vec3::new(i as f32 * 4.0 - 118.0, k as f32 * 5.0 - 20.0, 0.0);
+                let hit = spot(on, on + Vec3::new(0.0, 0.0, 300.0));
+                if hit.thing != Thing::Ground {
+                    continue;
+                }
+                let traced = !town.is_blocked(Town::lifted(&hit), lamp);
+                let share = town.lamp_share(0, &hit);
+                all += 1;
+                same += usize::from((share > 0.5) == traced);
+            }
+        }
+        // The map's steps are 3° wide: only spots at a shadow's edge may differ.
+        assert!(same as f64 > 0.98 * f64::from(all), "{same} of {all}");
+        let wall = spot(Vec3::new(2.0, 100.0, 20.0), Vec3::new(0.0, 0.0, 2.0));
+        assert_eq!(town.lamp_share(0, &wall), 1.0, "the lit face of a box doesn't shade itself");
+        let behind = spot(Vec3::new(0.0, 125.0, 0.0), Vec3::new(0.0, 200.0, 100.0));
+        assert!(town.lamp_share(0, &behind) < 0.05, "behind the tower");
+    }
+}

@@ -1,0 +1,140 @@
+//! Lights without breadth, and their images in rippled water, integrated along their length.
+//!
+//! A facet's slope that shows a point of the line to the eye changes evenly along a short line, and the highlight falls with it as
+//! a normal curve does. Sums at steps well below the curve's width are as good as its integral, so a line takes as many steps as
+//! its image is long in widths, and no gap opens between them.
+
+use crate::shade::water::rippled_highlight;
+use glam::Vec3;
+
+/// A piece of a channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineLight {
+    /// One end, m.
+    pub from: Vec3,
+    /// The other, m.
+    pub to: Vec3,
+    /// Radiant intensity of the whole per colour, W/sr.
+    pub intensity: [f32; 3],
+    /// Share of it that arrives through cloud, in [0, 1].
+    pub visibility: f32,
+}
+
+/// Steps as a share of the highlight's standard deviation.
+const STEP: f32 = 0.35;
+/// Steps per radian that the line covers.
+const ANGLE_STEPS: f32 = 16.0;
+/// Most steps of one line.
+const MOST_STEPS: f32 = 64.0;
+/// Standard deviations at which a highlight ends.
+const REACH: f32 = 7.1;
+
+/// The facet's slope across the surface that shows a light at `position` to the eye; none below the surface.
+fn slope_of(position: Vec3, point: Vec3, normal: Vec3, to_viewer: Vec3) -> Option<Vec3> {
+    let way = position - point;
+    if normal.dot(way) <= 0.0 {
+        return None;
+    }
+    let half = way.normalize() + to_viewer;
+    Some(half / normal.dot(half) - normal)
+}
+
+impl LineLight {
+    /// Its middle, m.
+    pub fn middle(&self) -> Vec3 {
+        0.5 * (self.from + self.to)
+    }
+
+    /// Radiance towards the eye per unit of the line's intensity from rippled water at `point`, 1/m²: the mean of
+    /// [`rippled_highlight`] over squared distance along it.
+    pub fn highlight(&self, point: Vec3, normal: Vec3, to_viewer: Vec3, slope: f32) -> f32 {
+        let ends = [self.from, self.to].map(|end| slope_of(end, point, normal, to_viewer));
+        let steps = match ends {
+            [Some(a), Some(b)] => {
+                let way = b - a;
+                let nearest = a + way * (-a.dot(way) / way.length_squared().max(1e-30)).clamp(0.0, 1.0);
+                // A bent path of slopes strays from its chord by less than a quarter of the chord.
+                if nearest.length() > REACH * slope + 0.25 * way.length() {
+                    return 0.0;
+                }
+                // Fresnel's share and the masking change with the line's own angle.
+                let angle = self.from.distance(self.to) / self.middle().distance(point);
+                (way.length() / (STEP * slope) + ANGLE_STEPS * angle).ceil().clamp(1.0, MOST_STEPS)
+            }
+            [None, None] => return 0.0,
+            _ => MOST_STEPS,
+        };
+        let step = |i: u32| {
+            let way = self.from.lerp(self.to, (i as f32 + 0.5) / steps) - point;
+            let squared = way.length_squared().max(1e-4);
+            rippled_highlight(normal, way / squared.sqrt(), to_viewer, slope) / squared
+        };
+        (0..steps as u32).map(step).sum::<f32>() / steps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOLT: LineLight = LineLight {
+        from: Vec3::new(300.0, 2_000.0, 900.0),
+        to: Vec3::new(340.0, 2_050.0, 20.0),
+        intensity: [1.0; 3],
+        visibility: 1.0,
+    };
+
+    fn viewer(down: f32, side: f32) -> Vec3 {
+        -Vec3::new(0.16 + side, 1.0, -down).normalize()
+    }
+
+    #[test]
+    fn the_image_of_a_line_is_that_of_ten_thousand_points_on_it() {
+        /// Steps of a third of a normal curve's width; its ends fall between steps.
+        const STEPS: f32 = 0.03;
+        for slope in [0.004, 0.02, 0.1] {
+            let mut brightest = 0.0f32;
+            let mut worst = 0.0f32;
+            for i in 0..40 {
+                for side in [0.0, 0.01, -0.03] {
+                    let eye = viewer(0.01 + 0.012 * i as f32, side);
+                    let found = BOLT.highlight(Vec3::ZERO, Vec3::Z, eye, slope);
+                    let wanted = (0..10_000)
+                        .map(|k| {
+                            let way = BOLT.from.lerp(BOLT.to, (k as f32 + 0.5) / 10_000.0);
+                            let squared = way.length_squared();
+                            f64::from(rippled_highlight(Vec3::Z, way / squared.sqrt(), eye, slope) / squared)
+                        })
+                        .sum::<f64>() as f32
+                        / 10_000.0;
+                    brightest = brightest.max(wanted);
+                    worst = worst.max((found - wanted).abs());
+                }
+            }
+            println!("slope {slope}: {worst:.2e} of {brightest:.2e}");
+            assert!(brightest > 0.0 && worst < STEPS * brightest, "{slope}: {worst} of {brightest}");
+        }
+    }
+
+    #[test]
+    fn a_line_in_two_pieces_has_the_energy_of_the_whole() {
+        const STEPS: f32 = 0.03;
+        let middle = BOLT.middle();
+        let halves = [LineLight { to: middle, ..BOLT }, LineLight { from: middle, ..BOLT }];
+        let (mut whole, mut parts) = (0.0, 0.0);
+        for i in 0..200 {
+            let eye = viewer(0.002 + 0.0025 * i as f32, 0.0);
+            let at = |line: &LineLight| line.highlight(Vec3::ZERO, Vec3::Z, eye, 0.01);
+            whole += at(&BOLT);
+            parts += 0.5 * (at(&halves[0]) + at(&halves[1]));
+        }
+        assert!(whole > 0.0 && (parts / whole - 1.0).abs() < STEPS, "{parts} {whole}");
+    }
+
+    #[test]
+    fn a_line_below_the_water_or_aside_has_no_image() {
+        let sunk = LineLight { from: Vec3::new(0.0, 10.0, -5.0), to: Vec3::new(0.0, 10.0, -1.0), ..BOLT };
+        assert_eq!(sunk.highlight(Vec3::ZERO, Vec3::Z, viewer(0.2, 0.0), 0.05), 0.0);
+        assert_eq!(BOLT.highlight(Vec3::ZERO, Vec3::Z, viewer(0.2, 0.9), 0.02), 0.0);
+    }
+}

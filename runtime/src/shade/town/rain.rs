@@ -1,0 +1,24 @@
+//! The rain between two places of a town, as mirrors, panes and lamps look through it.
+
+use glam::Vec3;
+
+/// What rain does on a way that does not begin at the eye; drops on it are never drawn, so all of them belong to the medium.
+pub trait RainBetween: Sync {
+    /// Share of light that gets from one place to the other, m.
+    fn left(&self, from: Vec3, to: Vec3) -> f32;
+    /// The same along a ray that ends after `metres`, which may be infinite, and the radiance that rain adds on it, W/(m² sr).
+    fn along(&self, from: Vec3, direction: Vec3, metres: f32) -> (f32, [f32; 3]);
+}
+
+/// Dry weather.
+pub struct NoRain;
+
+impl RainBetween for NoRain {
+    fn left(&self, _: Vec3, _: Vec3) -> f32 {
+        1.0
+    }
+
+    fn along(&self, _: Vec3, _: Vec3, _: f32) -> (f32, [f32; 3]) {
+        (1.0, [0.0; 3])
+    }
+}
