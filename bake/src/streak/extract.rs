@@ -237,7 +237,8 @@ fn moments(pixels: impl Iterator<Item = ([f64; 2], f64)> + Clone) -> Moments {
     let (sin, cos) = libm::sincos(angle);
     // Rain falls down.
     let axis = if sin < 0.0 { [-cos, -sin] } else { [cos, sin] };
-    let size = |variance: f64| (12.0 * variance.max(0.0)).sqrt();
+    // A pixel's own square has widened everything by a bar of one pixel.
+    let size = |variance: f64| (12.0 * variance - 1.0).max(0.25).sqrt();
     Moments { centre, axis, length: size(half + spread), width: size(half - spread) }
 }
 
