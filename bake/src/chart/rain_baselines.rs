@@ -240,7 +240,9 @@ impl ParticleSystem {
             particle.place[1] -= particle.speed * step;
             let [half, top, far] = self.boxes[particle.class as usize];
             if particle.place[1] < -top {
-                particle.place[1] += 2.0 * top;
+                // A long step may take a drop through its box more than once.
+                let turns = ((-top - particle.place[1]) / (2.0 * top)).ceil();
+                particle.place[1] += 2.0 * top * turns;
                 particle.place[0] = half * (2.0 * self.random.unit() as f32 - 1.0);
                 particle.place[2] = far * self.random.unit() as f32;
             }

@@ -154,7 +154,10 @@ impl FootprintWindow {
         let chord2 = self.radius2 - across * across;
         let chord2 = if chord2 > 0.0 { chord2 } else { 0.0 };
         let per_end = 1.0 / (3.0 * chord2 + 1.5).sqrt();
-        SmoothWindow::integral((along + half) * per_end) - SmoothWindow::integral((along - half) * per_end)
+        let left = SmoothWindow::integral((along + half) * per_end)
+            - SmoothWindow::integral((along - half) * per_end);
+        // Round-off must not go below zero.
+        if left > 0.0 { left } else { 0.0 }
     }
 
     /// The streak's cross-section `y` pixels off its axis: the tent is the second difference of the second
