@@ -16,7 +16,6 @@ use squall_formats::section::bolt::BoltSection;
 use squall_formats::section::cloud::CloudSection;
 use squall_formats::section::density::Mode;
 use squall_formats::section::provenance::ProvenanceSection;
-use squall_formats::section::rain_place::RainPlaceSection;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind};
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
