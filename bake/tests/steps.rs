@@ -210,8 +210,8 @@ fn a_figure_above_its_bound_ends_the_bake_with_1_and_leaves_what_was_there() {
 
 #[test]
 fn every_metric_of_a_full_bake_is_found_under_its_name() {
-    // With a budget of the solver, the one figure that other bakes do not measure.
-    let place = Workplace::new("test_strokes = 1");
+    // With what other bakes do not measure: a budget of the solver, suns, and light on blocks of cells.
+    let place = Workplace::new("test_strokes = 1\nsun = \"anywhere\"\ncells = [3, 4, 2]");
     let recipe = std::fs::read_to_string(place.path("r.toml")).unwrap();
     std::fs::write(place.path("r.toml"), recipe + "[clouds.budget]\nsolver_l2 = 0.5\n").unwrap();
     let (code, out, said) = place.squall(&["bake", "r.toml", "-o", "r.squall", "--json", "--quiet"]);

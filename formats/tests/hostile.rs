@@ -13,6 +13,8 @@ use squall_formats::section::response::{
     CoefficientBound, DirectTerm, DirectionalBasis, DistantKind, ResponseHead, ResponseRows, ResponseSection,
     SourceBasis, SunDirections, pack_seen, write, write_beside,
 };
+use squall_formats::section::streak::StreakSection;
+use squall_formats::section::view::ViewSection;
 use squall_formats::section::{KNOWN, is_known};
 use squall_formats::view_region::ViewRegion;
 use squall_formats::{GridShape, Limits, ReadError, Tag};
@@ -222,7 +224,12 @@ fn every_limit_is_kept() {
 fn a_newer_version_of_any_section_is_refused_by_name() {
     let _turn = alone();
     for sample in samples() {
-        let newest = if sample.tag == ResponseSection::TAG { ResponseSection::VERSION } else { 1 };
+        let newest = match sample.tag {
+            ResponseSection::TAG => ResponseSection::VERSION,
+            StreakSection::TAG => StreakSection::VERSION,
+            ViewSection::TAG => ViewSection::VERSION,
+            _ => 1,
+        };
         for version in [0, newest + 1, u16::MAX] {
             let error = check(sample.tag, sample.bytes.bytes(), version, &Limits::default()).unwrap_err();
             let words = format!("section {}: version {version}", sample.tag);

@@ -44,7 +44,7 @@ pub struct Cli {
 #[derive(clap::Subcommand)]
 enum Command {
     Bake(bake::Args),
-    Render(render::Args),
+    Render(Box<render::Args>),
     Rain(Box<rain::Args>),
     Relight(relight::Args),
     Solve(solve::Args),
@@ -86,7 +86,7 @@ impl Cli {
 pub fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
         Command::Bake(args) => bake::run(args),
-        Command::Render(args) => render::run(args),
+        Command::Render(args) => render::run(*args),
         Command::Rain(args) => rain::run(*args),
         Command::Relight(args) => relight::run(args),
         Command::Solve(args) => solve::run(args),

@@ -111,7 +111,7 @@ pub fn scene_streak(scene: Scene, seed: u64, index: usize) -> SynthStreak {
     if scene == Scene::Mixed {
         return synth_streak(seed, index);
     }
-    let mut random = Random::from_parts(&[seed, index as u64, 0x7363_656E_65, scene as u64]);
+    let mut random = Random::from_parts(&[seed, index as u64, 0x0073_6365_6E65, scene as u64]);
     let spread = spread(seed, index);
     let shape = DropShape::new(SMALLEST * libm::pow(LARGEST / SMALLEST, spread[0]), modes(&mut random));
     let diameters = fall_of(scene, seed, index);

@@ -219,7 +219,7 @@ pub fn write(head: &ResponseHead, rows: ResponseRows) -> OutSection {
     write_beside(head, rows, head.shape)
 }
 
-/// [`write`] beside a cloud grid of shape `cloud`, blocks of whose cells the rows may describe.
+/// [`write()`] beside a cloud grid of shape `cloud`, blocks of whose cells the rows may describe.
 pub fn write_beside(head: &ResponseHead, rows: ResponseRows, cloud: GridShape) -> OutSection {
     let version = head.version(cloud != head.shape);
     let mut front = join_head(&head.encode(version));

@@ -438,7 +438,8 @@ fn blend(seen: &[f32], source: &[[f32; 3]], pixels: &mut [[f32; 3]]) {
 #[inline(always)]
 fn exp_neg(depths: &mut Lanes) {
     /// 2^x on [−½, ½] through six Chebyshev points, its constant set to 1.
-    const POWERS: [f32; 5] = [0.001_339_086_3, 0.009_676_032, 0.055_503_57, 0.240_221_07, 0.693_147_2];
+    const POWERS: [f32; 5] =
+        [0.001_339_086_3, 0.009_676_032, 0.055_503_57, 0.240_221_07, std::f32::consts::LN_2];
     /// Adding it rounds to a whole number, which its last bits then hold.
     const ROUND: f32 = 12_582_912.0;
     for depth in depths {

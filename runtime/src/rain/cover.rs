@@ -155,10 +155,11 @@ impl CoverMap {
                     if way[axis] == 0.0 { f64::INFINITY } else { (border - start[axis]) / way[axis] }
                 })
                 .fold(f64::INFINITY, f64::min);
-            if let Some([under, top]) = self.span(index.map(|cell| cell as usize)) {
-                if height + climbed < top && height + leave > under {
-                    return false;
-                }
+            if let Some([under, top]) = self.span(index.map(|cell| cell as usize))
+                && height + climbed < top
+                && height + leave > under
+            {
+                return false;
             }
             // A way along a border advances all the same.
             climbed = leave.max(climbed + 1e-9);

@@ -65,10 +65,10 @@ impl RainMap {
         if heaviest == 0.0 {
             return Err(RuntimeError::argument(field, "rain somewhere", "0 mm/h in every cell"));
         }
-        if let Some(top) = top {
-            if !(top.height.0.is_finite() && top.softness.0 >= 0.0 && top.softness.0.is_finite()) {
-                return Err(RuntimeError::argument(field, "a finite top, its softness from 0", top.height.0));
-            }
+        if let Some(top) = top
+            && !(top.height.0.is_finite() && top.softness.0 >= 0.0 && top.softness.0.is_finite())
+        {
+            return Err(RuntimeError::argument(field, "a finite top, its softness from 0", top.height.0));
         }
         let width = size[0] + 2;
         let mut extinction = vec![0.0; width * (size[1] + 2)];

@@ -137,11 +137,8 @@ impl Canvas {
         grid: [usize; 2],
         picture: &mut Picture,
     ) {
-        let mut placed = match std::mem::replace(&mut self.placed, Box::new(())).downcast::<Vec<K::Placed>>()
-        {
-            Ok(placed) => placed,
-            Err(_) => Box::default(),
-        };
+        let kept = std::mem::replace(&mut self.placed, Box::new(()));
+        let mut placed = kept.downcast::<Vec<K::Placed>>().unwrap_or_default();
         self.prepare(camera, scene, streaks, grid, &mut placed);
         self.sort_into_tiles(grid);
         self.bands.resize_with(grid[1].max(self.bands.len()), || Box::new(K::Scratch::default()));

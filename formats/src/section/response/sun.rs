@@ -121,7 +121,9 @@ impl SunDirections {
         }
         let Self::Rings { elevations_rad, counts } = self else { return Ok(()) };
         let rising = elevations_rad.windows(2).all(|pair| pair[0] < pair[1]);
-        let within = elevations_rad.iter().all(|elevation| elevation.abs() <= 1.5708);
+        // A quarter turn, rounded up.
+        const STEEPEST_RAD: f64 = std::f64::consts::FRAC_PI_2 + 4e-6;
+        let within = elevations_rad.iter().all(|elevation| elevation.abs() <= STEEPEST_RAD);
         let as_many = elevations_rad.len() == counts.len() && counts.len() <= MOST_RINGS;
         if !(rising && within && as_many) {
             let found = format!("{} elevations, {} counts", elevations_rad.len(), counts.len());

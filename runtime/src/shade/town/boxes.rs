@@ -104,7 +104,7 @@ impl Solid {
                 return None;
             }
         }
-        // A ray that starts inside meets nothing: eyes are outside, and a wall's own light starts on it.
+        // A ray that starts inside meets nothing: viewpoints are outside, and a wall's own light starts on it.
         let (axis, from_low) = side?;
         let sign = if from_low { -1.0 } else { 1.0 };
         let at = start + way * enter;
