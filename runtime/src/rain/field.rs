@@ -139,6 +139,15 @@ impl RainPath for RainField<'_> {
         }
         let over_map = Ray { origin: ray.origin - drift.extend(0.0), direction: ray.direction };
         let lid = RainVolume { ceiling: map.top(), region: None };
+        // Above its top a map has no rain: a rising ray ends there.
+        let over = map.top().map_or(f64::INFINITY, |top| {
+            let rise = top.height.0 + top.softness.0 - ray.origin.z;
+            if ray.direction.z > 0.0 { (rise / ray.direction.z).max(0.0) } else { f64::INFINITY }
+        });
+        let to = to.min(over);
+        if from >= to {
+            return 0.0;
+        }
         let mut cuts = [f64::INFINITY; 8];
         let mut count = 0;
         for top in [map.top(), self.volume.ceiling].into_iter().flatten() {

@@ -19,6 +19,8 @@ use std::sync::Arc;
 
 /// Most cells along a side.
 const MOST_SIDE: usize = 4096;
+/// Patches along a side of a block that rays may step over.
+const BLOCK: usize = 8;
 
 /// A map of rain over the ground; outside it the ground stays dry.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +31,8 @@ pub struct RainMap {
     heaviest: MillimetresPerHour,
     /// Extinction over the heaviest rain's, with a border of dry cells around.
     extinction: Arc<[f32]>,
+    /// Of each [`BLOCK`] × [`BLOCK`] patches, x fastest, whether rain falls in any: rays step over the others whole.
+    wet: Arc<[bool]>,
     top: Option<Ceiling>,
 }
 
@@ -78,7 +82,17 @@ impl RainMap {
             extinction[place] = libm::pow(share, -3.0 * SLOPE_POWER) as f32;
         }
         let heaviest = MillimetresPerHour(f64::from(heaviest));
-        Ok(Self { origin, cell: cell.0, size, heaviest, extinction: extinction.into(), top })
+        let wet = Arc::default();
+        let mut map = Self { origin, cell: cell.0, size, heaviest, extinction: extinction.into(), wet, top };
+        let blocks = map.blocks();
+        let mut wet = vec![false; blocks[0] * blocks[1]];
+        for y in 0..=size[1] {
+            for x in 0..=size[0] {
+                wet[y / BLOCK * blocks[0] + x / BLOCK] |= map.corners([x, y]) != [0.0; 4];
+            }
+        }
+        map.wet = wet.into();
+        Ok(map)
     }
 
     /// The same map measured from another point.
@@ -124,6 +138,22 @@ impl RainMap {
         MillimetresPerHour(self.heaviest.0 * libm::pow(self.share(place), -1.0 / (3.0 * SLOPE_POWER)))
     }
 
+    /// Blocks of patches along x and y.
+    fn blocks(&self) -> [usize; 2] {
+        self.size.map(|cells| (cells + 1).div_ceil(BLOCK))
+    }
+
+    /// How many patches there are along a side, and where they begin, in what a ray at `patch` may cross in one step: its patch, or
+    /// its block where that is dry.
+    fn step(&self, patch: [f64; 2]) -> (f64, [f64; 2]) {
+        let block = patch.map(|patch| patch as usize / BLOCK);
+        if self.wet[block[1] * self.blocks()[0] + block[0]] {
+            (1.0, patch)
+        } else {
+            (BLOCK as f64, block.map(|block| (block * BLOCK) as f64))
+        }
+    }
+
     /// The four cells around a patch, whose lowest is `patch` counted from the dry border.
     fn corners(&self, patch: [usize; 2]) -> [f64; 4] {
         let width = self.size[0] + 2;
@@ -166,15 +196,20 @@ impl RainMap {
         while here < leave {
             let place = start + way * (here + 1e-9 * (1.0 + here.abs()));
             let patch = [0, 1].map(|axis| place[axis].floor().clamp(0.0, self.size[axis] as f64));
+            let (side, low) = self.step(patch);
             let mut next = leave;
             for axis in 0..2 {
                 if way[axis] != 0.0 {
-                    let border = patch[axis] + f64::from(u8::from(way[axis] > 0.0));
+                    let border = low[axis] + if way[axis] > 0.0 { side } else { 0.0 };
                     let at = (border - start[axis]) / way[axis];
                     if at > here {
                         next = next.min(at);
                     }
                 }
+            }
+            if side > 1.0 {
+                here = next;
+                continue;
             }
             for &cut in cuts {
                 if cut > here {
