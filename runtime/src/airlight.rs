@@ -174,7 +174,13 @@ impl Airlight {
             let rest = if t > 0.0 { h * h / (r + t) } else { r - t };
             (0.5 * (rest + h) / (r + h)).sqrt()
         };
-        let share = extinction / h * libm::exp(-extinction * foot);
+        // Far behind the eye F falls faster than a double can hold, and the factor before it grows as fast: light
+        // that comes through a depth of e^−709 is none.
+        let growth = libm::exp(-extinction * foot);
+        if !growth.is_finite() {
+            return [0.0; 3];
+        }
+        let share = extinction / h * growth;
         self.between(thickness, place(-foot), place(end - foot)).map(|value| value * share)
     }
 
@@ -284,5 +290,17 @@ mod tests {
         let [one, two] = [1e-7, 2e-7].map(|extinction| airlight.of_point(extinction, &beside)[1]);
         assert!((two / one - 2.0).abs() < 1e-4);
         assert_eq!(airlight.of_point(0.0, &beside), [0.0; 3]);
+    }
+
+    #[test]
+    fn a_point_far_behind_the_eye_adds_nothing_rather_than_no_number() {
+        let airlight = Airlight::new(&Phase::HenyeyGreenstein(0.77));
+        // Optical depths between eye and point of 600 to 1e6: beyond 709 their exponential is infinite.
+        for behind in [6e4, 7.2e4, 1e5, 1e8] {
+            for end in [1.0, 3000.0, f64::INFINITY] {
+                let found = airlight.of_point(1e-2, &PointBeside { h: 100.0, foot: -behind, end });
+                assert!(found.iter().all(|band| (0.0..1e-100).contains(band)), "{behind} {end}: {found:?}");
+            }
+        }
     }
 }

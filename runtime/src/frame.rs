@@ -227,6 +227,11 @@ impl Frame {
         if !(0.0..=1e6).contains(&bias) {
             return Err(RuntimeError::argument("streaks.lightning_bias", "0 to 1e6", bias));
         }
+        if let Some(farthest) = self.place.farthest
+            && farthest.0.partial_cmp(&0.0).is_none_or(|order| order.is_le())
+        {
+            return Err(RuntimeError::argument("place.farthest", "metres above 0", farthest.0));
+        }
         let numbers = ViewSection {
             camera: ViewCamera { exposure_s: self.exposure.0, ..ViewCamera::default() },
             rain: self.view_rain(),
@@ -407,6 +412,10 @@ mod tests {
         refused(frame().flash(Flash::named("root").brightness(-1.0)), "brightness");
         refused(frame().flash(crate::Stroke::default()), "stroke segments");
         refused(frame().detail(DetailParameters { fibres_from: f32::NAN, ..Default::default() }), "fibres");
+        for metres in [0.0, -5.0, f64::NAN] {
+            let place = RainPlace { farthest: Some(Metres(metres)), ..RainPlace::default() };
+            refused(frame().place(place), "place.farthest");
+        }
         let mut skewed = frame();
         skewed.camera.up *= 2.0;
         refused(skewed, "camera axes");

@@ -154,6 +154,8 @@ pub struct FrameRain {
     workspace: Workspace,
     transmittance: Vec<f32>,
     in_scattered: Vec<[f32; 3]>,
+    /// The last light, and what drops show of it.
+    shown: Option<(WorldLight, InScattering)>,
     /// Of the last frame, for its labels.
     gain: f64,
 }
@@ -174,6 +176,7 @@ impl FrameRain {
             workspace: Workspace::new(),
             transmittance: Vec::new(),
             in_scattered: Vec::new(),
+            shown: None,
             gain: 1.0,
         })
     }
@@ -222,7 +225,12 @@ impl FrameRain {
         let streaks = rain.find(&shot, &weather, None, &mut self.workspace)?;
         let (count, inside) = (streaks.len(), streaks.iter().filter(|streak| streak.inside).count());
         let medium = Medium::beside_streaks(&self.section, &shot, settings.rate)?;
-        let light = frame.light.in_scattering(&Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry));
+        let phase = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
+        let (_, light) = match self.shown.take() {
+            Some(shown) if shown.0 == *frame.light => self.shown.insert(shown),
+            _ => self.shown.insert((frame.light.clone(), frame.light.in_scattering(&phase))),
+        };
+        let light = light.clone();
         self.medium((&medium, &light), settings.extent, frame, picture);
         let (depth, gain) = (frame.depth.clone(), settings.gain);
         if self.patterns.is_empty() {

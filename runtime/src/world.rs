@@ -140,6 +140,12 @@ pub struct InScattering {
 }
 
 impl InScattering {
+    /// Of a world without light, or of one that nothing looks at through rain.
+    pub(crate) fn dark(phase: &Phase) -> Self {
+        let side = Map::STEPS + 1;
+        Self { map: Map { texels: vec![[0.0; 3]; side * side] }, phase: phase.clone(), beams: Vec::new() }
+    }
+
     /// The same with one more distant light: a flash.
     #[must_use]
     pub fn with_beam(mut self, beam: Beam) -> Self {

@@ -110,9 +110,9 @@ impl RainMapFile {
             return Err(missing("origin_m", "the lowest corner, x and y in m"));
         };
         let origin_m = *origin.get_ref();
-        if !origin_m.iter().all(|at| (-1e7..=1e7).contains(at)) {
+        if !origin_m.iter().all(|at| (-1e9..=1e9).contains(at)) {
             let found = format!("{origin_m:?}");
-            return Err(source.error(origin.span(), "rain.map.origin_m", "two numbers within ±1e7 m", found));
+            return Err(source.error(origin.span(), "rain.map.origin_m", "two numbers within ±1e9 m", found));
         }
         if self.cell_m.is_none() {
             return Err(missing("cell_m", "the edge of a cell, m"));
@@ -124,9 +124,9 @@ impl RainMapFile {
 
 fn shower_of(source: &Source, shower: &Spanned<ShowerFile>) -> Result<Shower, RecipeError> {
     let file = shower.get_ref();
-    if !file.centre_m.iter().all(|at| (-1e7..=1e7).contains(at)) {
+    if !file.centre_m.iter().all(|at| (-1e9..=1e9).contains(at)) {
         let (field, found) = ("rain.map.showers.centre_m", format!("{:?}", file.centre_m));
-        return Err(source.error(shower.span(), field, "two numbers within ±1e7 m", found));
+        return Err(source.error(shower.span(), field, "two numbers within ±1e9 m", found));
     }
     let number = |field: &str, value: &Option<Number>, default: f64, range: [f64; 2], unit: &str| {
         source.number(&format!("rain.map.showers.{field}"), value, default, range, unit)

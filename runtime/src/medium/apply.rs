@@ -318,7 +318,8 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
                 None => return 0.0,
             }
         };
-        if range <= self.full || self.full == f32::INFINITY {
+        // A filled hole is as far as it was filled, not as its raw number says.
+        if planar * f64::from(secant) <= f64::from(self.full) || self.full == f32::INFINITY {
             return self.medium.optical_depth(planar, f64::from(secant)) as f32;
         }
         let ray = self.ray(x, y);

@@ -98,19 +98,30 @@ impl MediumChoice {
         rate: MillimetresPerHour,
     ) -> Result<Medium, RuntimeError> {
         self.check()?;
-        let medium = match self.form {
-            MediumForm::BesideStreaks => Medium::beside_streaks(section, shot, rate)?,
+        Ok(match self.form {
+            MediumForm::BesideStreaks => self.with_own_phase(Medium::beside_streaks(section, shot, rate)?),
+            MediumForm::Whole | MediumForm::Paper => self.undrawn(rate),
+        })
+    }
+
+    /// The same rain where no drop of it is drawn: on ways that do not begin at the eye.
+    pub(crate) fn undrawn(&self, rate: MillimetresPerHour) -> Medium {
+        self.with_own_phase(match self.form {
+            MediumForm::BesideStreaks => Medium::geometric(rate),
             MediumForm::Whole => Medium::whole(rate),
             MediumForm::Paper => Medium::paper(rate, PAPER_ASYMMETRY),
-        };
-        Ok(match &self.phase {
+        })
+    }
+
+    fn with_own_phase(&self, medium: Medium) -> Medium {
+        match &self.phase {
             PhaseChoice::OfForm => medium,
             PhaseChoice::Asymmetry(g) if self.form == MediumForm::Paper => {
                 medium.with_phase(Phase::Paper(*g))
             }
             PhaseChoice::Asymmetry(g) => medium.with_phase(Phase::HenyeyGreenstein(*g)),
             PhaseChoice::Table(table) => medium.with_phase(Phase::Table(table.clone())),
-        })
+        }
     }
 
     /// How a single drop spreads light, diffraction left out.

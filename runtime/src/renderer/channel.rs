@@ -63,7 +63,7 @@ pub fn town_lights(
     if total <= FAINT * bare {
         return StrokeLights::default();
     }
-    StrokeLights { images, points: gathered(points, light, total) }
+    StrokeLights { images: images.into(), points: gathered(points, light, total) }
 }
 
 /// A stroke as straight lines of about `spacing` m; no line goes from one branch to another, and together they have all its light.

@@ -15,6 +15,7 @@ use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, 
 use crate::camera::{Camera, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
+use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::Rain;
@@ -24,9 +25,10 @@ use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::Sky;
 use crate::shade::town::frame::TownFrame;
 use crate::shade::town::light::Lighting;
+use crate::shade::town::line::Images;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
-use crate::world::{InScattering, Sun, WorldLight};
+use crate::world::{InScattering, Sun};
 use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::sync::Arc;
@@ -93,17 +95,36 @@ impl Scene {
             }
             light
         };
-        let around = world::look_around(eye, &beyond);
-        let light = world::light_of(&around, world::sun_of(sky, cloud.as_ref(), eye));
-        let drops = rain::drops_in(&light, &frame.medium.drop_phase(), &flashes, eye);
-        let wet = TownRain::new(frame.weather.rate, self.rain_place.field(frame), &drops);
-        self.render_town(
-            (frame, sky),
-            &flashes,
-            (&beyond, &around, clouds.marched(&memory.flash_cells)),
-            (light.sun, &wet),
-            &mut memory.town,
-        );
+        let seen_for = (&frame.sky, &frame.detail, eye, memory.cells.as_slice());
+        let look = || {
+            let around = world::look_around(eye, &beyond);
+            let light = world::light_of(&around, world::sun_of(sky, cloud.as_ref(), eye));
+            (around, light)
+        };
+        // Only rain and a town's mirrors ask what is all around.
+        let is_wet = frame.weather.rate.0 > 0.0;
+        let mut surrounding = (is_wet || self.town.is_some())
+            .then(|| world::Surrounding::of(memory.surrounding.take(), seen_for, look));
+        let mut shown_by = |phase: &Phase| match &mut surrounding {
+            Some(surrounding) if is_wet => {
+                surrounding.in_scattering(phase).with_beam(rain::flash_at_eye(&flashes, eye))
+            }
+            _ => InScattering::dark(phase),
+        };
+        let drops = shown_by(&frame.medium.drop_phase());
+        let field = self.rain_place.field(frame);
+        let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
+        let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
+        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        if let Some(surrounding) = &surrounding {
+            self.render_town(
+                (frame, sky),
+                &flashes,
+                (&beyond, &surrounding.around, clouds.marched(&memory.flash_cells)),
+                (surrounding.light.sun, &wet),
+                &mut memory.town,
+            );
+        }
         // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
         let disc = |x: usize, y: usize, ray: &Ray| {
             let disc = sky.disc_in_pixel(camera, x, y);
@@ -112,7 +133,13 @@ impl Scene {
             disc.map(|value| value * open)
         };
         self.compose(camera, sky, (&beyond, &disc), memory.town.frame(), &mut memory.picture);
-        self.draw_rain(frame, (sky, &light, &drops), &flashes, memory, &mut report)?;
+        let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
+        let in_rain = |phase: &Phase| match &mut surrounding {
+            Some(surrounding) => surrounding.in_scattering(phase),
+            None => InScattering::dark(phase),
+        };
+        self.draw_rain(frame, (sky, around, in_rain, &drops), &flashes, memory, &mut report)?;
+        memory.surrounding = surrounding;
         Ok(report)
     }
 
@@ -148,21 +175,22 @@ impl Scene {
         let lighting = Lighting {
             ambient: &ambient,
             points: &[],
-            images: &[],
+            images: Images::NONE,
             strokes: &[],
             glows: &glows,
             leaves: &leaves,
             sun,
             rain: wet,
         };
-        out.render(town, frame, flashes, lighting);
+        let has_map = self.rain_place.map_of(frame).is_some();
+        out.render(town, (frame, has_map), flashes, lighting);
     }
 
     /// The rain's medium over the picture, channels in front of it, streaks in front of those.
     fn draw_rain(
         &self,
         frame: &Frame,
-        (sky, light, drops): (&Sky, &WorldLight, &InScattering),
+        (sky, around, in_rain, drops): (&Sky, [f32; 3], impl FnMut(&Phase) -> InScattering, &InScattering),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
@@ -195,10 +223,10 @@ impl Scene {
             town,
             place: &self.rain_place,
             has_depth: town.is_some(),
-            world: light,
+            around,
             drops,
         };
-        let medium = rain::medium(&task, memory)?;
+        let medium = rain::medium(&task, in_rain, memory)?;
         lamps(&|point| medium.left(camera, point), &mut memory.picture);
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
         report.streaks = rain::streaks(&task, &medium, memory)?;

@@ -48,7 +48,7 @@ impl<'a> Halos<'a> {
 
     /// Adds a stroke that stands within the same rain.
     pub fn add_stroke(&mut self, stroke: &LitStroke) {
-        for line in &stroke.lights.images {
+        for line in stroke.lights.images.iter() {
             let intensity =
                 std::array::from_fn(|band| stroke.scale[band] * line.intensity[band] * line.visibility);
             self.lights.push(Glowing { ends: [line.from.as_dvec3(), line.to.as_dvec3()], intensity });

@@ -17,7 +17,7 @@ use crate::rain::{
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
-use crate::world::{Beam, InScattering, WorldLight};
+use crate::world::{Beam, InScattering};
 use glam::DVec3;
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::rain_place::RainPlaceSection;
@@ -36,9 +36,9 @@ pub struct Task<'a> {
     pub town: Option<&'a Town>,
     pub place: &'a Place,
     pub has_depth: bool,
-    /// What shines on the rain from afar.
-    pub world: &'a WorldLight,
-    /// What a drop shows of that and of the flashes.
+    /// Mean radiance of the whole sphere, the sun left out.
+    pub around: [f32; 3],
+    /// What a drop shows of the world and of the flashes.
     pub drops: &'a InScattering,
 }
 
@@ -61,16 +61,20 @@ impl Place {
         Self { map: self.map.map(|map| Arc::new(map.measured_from(point))), ..self }
     }
 
+    /// The map that the frame's rain has.
+    pub fn map_of<'a>(&'a self, frame: &'a Frame) -> Option<&'a RainMap> {
+        match &frame.place.map {
+            MapChoice::Asset => self.map.as_deref(),
+            MapChoice::Even => None,
+            MapChoice::Own(map) => Some(map.as_ref()),
+        }
+    }
+
     /// The frame's rain, as its camera sees it.
     pub fn field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
         let (weather, place) = (&frame.weather, &frame.place);
         let field = RainField::from(weather.volume).with_farthest(place.farthest.or(self.farthest));
-        let map = match &place.map {
-            MapChoice::Asset => self.map.as_deref(),
-            MapChoice::Even => None,
-            MapChoice::Own(map) => Some(map.as_ref()),
-        };
-        map.map_or(field, |map| field.with_map(map, weather.drift, frame.camera.position))
+        self.map_of(frame).map_or(field, |map| field.with_map(map, weather.drift, frame.camera.position))
     }
 }
 
@@ -84,6 +88,8 @@ struct DropLight<'a> {
     /// Mean radiance around, and how many times a flash counts when drops pick patterns.
     around: f64,
     lightning_bias: f64,
+    /// Whether the world's last beam is the flashes'; without one it may be the sun's.
+    has_flash: bool,
 }
 
 fn mean(light: &[f32; 3]) -> f64 {
@@ -108,10 +114,11 @@ impl RainLight for DropLight<'_> {
 
     fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
         let drop = ray.origin + ray.direction * distance;
-        // The flash's beam is the last; the sun's stands before it.
+        // The flash's beam, if there is one, is the last; the sun's stands before it.
         let beams = self.world.beams().iter().rev().enumerate();
         let beams = beams.map(|(at, beam)| {
-            (beam.towards, mean(&beam.irradiance) * if at == 0 { self.lightning_bias } else { 1.0 })
+            let bias = if at == 0 && self.has_flash { self.lightning_bias } else { 1.0 };
+            (beam.towards, mean(&beam.irradiance) * bias)
         });
         let lamps = self.lamps.iter().map(|(lamp, intensity)| {
             let way = *lamp - drop;
@@ -176,13 +183,17 @@ fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) ->
     Beam { towards: -direction, irradiance }
 }
 
-/// What drops show of the world and of the flashes.
-pub fn drops_in(world: &WorldLight, phase: &Phase, flashes: &[LitStroke], eye: DVec3) -> InScattering {
-    world.in_scattering(phase).with_beam(flash_at(flashes, eye, |_| false))
+/// The flashes at the eye, as one distant light.
+pub fn flash_at_eye(flashes: &[LitStroke], eye: DVec3) -> Beam {
+    flash_at(flashes, eye, |_| false)
 }
 
-/// Composites the frame's medium over the picture.
-pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>, RuntimeError> {
+/// Composites the frame's medium over the picture; `in_rain` says what a phase function shows of the world, without flashes.
+pub fn medium<'a>(
+    task: &Task<'a>,
+    mut in_rain: impl FnMut(&Phase) -> InScattering,
+    memory: &mut Memory,
+) -> Result<RainMedium<'a>, RuntimeError> {
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
     let field = task.place.field(task.frame);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
@@ -190,8 +201,9 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
     let brightness: f64 = task.frame.flashes.iter().map(|flash| flash.brightness).sum();
     let lightning_bias = 1.0 + task.frame.streaks.lightning_bias * brightness;
-    let around = mean(&task.world.mean_radiance());
-    let light = DropLight { world: task.drops, lamps, around, lightning_bias };
+    let around = mean(&task.around);
+    let has_flash = flash_at_eye(task.flashes, camera.position).irradiance != [0.0; 3];
+    let light = DropLight { world: task.drops, lamps, around, lightning_bias, has_flash };
     if weather.rate.0 == 0.0 {
         return Ok(RainMedium { medium: None, field, light });
     }
@@ -207,7 +219,7 @@ pub fn medium<'a>(task: &Task<'a>, memory: &mut Memory) -> Result<RainMedium<'a>
     let eye = camera.position;
     let full = field.filled_radius(eye).min(field.farthest());
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
-    let own = medium.in_scattering(task.world).with_beam(flash_at(task.flashes, eye, near));
+    let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
     let outlook = Outlook { camera, volume: field, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
@@ -244,4 +256,31 @@ pub fn streaks(task: &Task<'_>, medium: &RainMedium<'_>, memory: &mut Memory) ->
         memory.rain.draw(&shot, &scene, &mut memory.picture)?;
     }
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::{Sun, WorldLight};
+    use glam::Vec3;
+
+    #[test]
+    fn the_lightning_bias_counts_for_flashes_and_never_for_the_sun() {
+        let sun = Sun { towards: Vec3::X, irradiance: [2.0; 3], angular_radius: Sun::ANGULAR_RADIUS };
+        let world = WorldLight::default().with_sun(Some(sun));
+        let phase = Phase::HenyeyGreenstein(0.5);
+        let ray = Ray { origin: DVec3::ZERO, direction: DVec3::Y };
+        let main = |flash: f32, has_flash| {
+            let beam = Beam { towards: DVec3::Z, irradiance: [flash; 3] };
+            let world = &world.in_scattering(&phase).with_beam(beam);
+            let light = DropLight { world, lamps: Vec::new(), around: 1.0, lightning_bias: 10.0, has_flash };
+            light.main_light(&ray, 1.0).unwrap()
+        };
+        let share = |irradiance: f64| irradiance / (irradiance + std::f64::consts::PI);
+        // A flash that nothing of arrives leaves no beam.
+        let dark = main(0.0, false);
+        assert!(dark.towards == DVec3::X && (dark.share - share(2.0)).abs() < 1e-12, "{dark:?}");
+        let lit = main(1.0, true);
+        assert!(lit.towards == DVec3::Z && (lit.share - share(10.0)).abs() < 1e-12, "{lit:?}");
+    }
 }

@@ -4,12 +4,13 @@
 use super::lit_stroke::LitStroke;
 use crate::camera::Camera;
 use crate::frame::Frame;
-use crate::rain::{MapChoice, RainPlace, RainVolume};
+use crate::medium::MediumChoice;
+use crate::rain::{RainPlace, RainVolume};
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::Town;
 use crate::shade::town::frame::{MOST_STROKES, Quality, TownFrame};
 use crate::shade::town::light::{Lighting, SceneLight, StrokeLights};
-use crate::shade::town::line::LineLight;
+use crate::shade::town::line::{Images, LineLight};
 use crate::stroke::Stroke;
 use glam::DVec3;
 use squall_formats::units::MillimetresPerHour;
@@ -24,15 +25,15 @@ struct MadeFor {
     camera: Camera,
     sky: SkyParameters,
     quality: Quality,
-    /// Rain on the lights' ways. A map of it moves with the wind.
-    rain: Option<(MillimetresPerHour, RainVolume, RainPlace, DVec3)>,
+    /// Rain on the lights' ways, and the medium that it is. A map of it moves with the wind.
+    rain: Option<(MillimetresPerHour, MediumChoice, RainVolume, RainPlace, DVec3)>,
 }
 
 impl MadeFor {
-    fn of(frame: &Frame) -> Self {
+    fn of(frame: &Frame, has_map: bool) -> Self {
         let weather = &frame.weather;
-        let drift = if frame.place.map == MapChoice::Even { DVec3::ZERO } else { weather.drift };
-        let rain = (weather.rate, weather.volume, frame.place.clone(), drift);
+        let drift = if has_map { weather.drift } else { DVec3::ZERO };
+        let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), drift);
         Self {
             camera: frame.camera.clone(),
             sky: frame.sky.clone(),
@@ -56,9 +57,15 @@ impl Kept {
         &self.frame
     }
 
-    /// Renders the town in `lighting` and the light of `flashes`.
-    pub fn render(&mut self, town: &Town, frame: &Frame, flashes: &[LitStroke], lighting: Lighting<'_>) {
-        let key = MadeFor::of(frame);
+    /// Renders the town in `lighting` and the light of `flashes`; `has_map` says whether the frame's rain has a map.
+    pub fn render(
+        &mut self,
+        town: &Town,
+        (frame, has_map): (&Frame, bool),
+        flashes: &[LitStroke],
+        lighting: Lighting<'_>,
+    ) {
+        let key = MadeFor::of(frame, has_map);
         if self.made_for.as_ref() != Some(&key) {
             self.strokes.clear();
             self.made_for = Some(key);
@@ -82,6 +89,7 @@ impl Kept {
                 LineLight { intensity, ..*line }
             }));
         }
+        let images = Images::from(images);
         let strokes: Vec<StrokeLights> = new.iter().map(|flash| flash.lights.clone()).collect();
         let lighting = Lighting { points: &points, images: &images, strokes: &strokes, ..lighting };
         town.render(&frame.camera, &lighting, frame.quality.town, &mut self.frame);
@@ -114,4 +122,25 @@ fn same(a: &Arc<Stroke>, b: &Arc<Stroke>) -> bool {
 fn scaled(light: &SceneLight, scale: [f32; 3]) -> SceneLight {
     let intensity = std::array::from_fn(|band| scale[band] * light.intensity[band]);
     SceneLight { intensity, ..*light }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::medium::MediumForm;
+    use squall_formats::section::view::ViewSection;
+    use squall_formats::units::Seconds;
+
+    #[test]
+    fn kept_light_goes_stale_with_the_medium_and_with_a_map_that_the_wind_moves() {
+        let frame = Frame::from(&ViewSection::default()).rain(MillimetresPerHour(20.0));
+        let windy = frame.clone().wind(DVec3::X * 8.0);
+        let later = windy.clone().time(Seconds(3.0));
+        assert_eq!(MadeFor::of(&windy, false), MadeFor::of(&later, false));
+        assert_ne!(MadeFor::of(&windy, true), MadeFor::of(&later, true));
+        let whole = MediumChoice { form: MediumForm::Whole, ..MediumChoice::default() };
+        assert_ne!(MadeFor::of(&frame, false), MadeFor::of(&frame.clone().medium(whole.clone()), false));
+        let dry = frame.rain(MillimetresPerHour(0.0));
+        assert_eq!(MadeFor::of(&dry, false), MadeFor::of(&dry.clone().medium(whole), false));
+    }
 }

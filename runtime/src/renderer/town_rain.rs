@@ -7,7 +7,6 @@ use crate::rain::{RainField, RainPath};
 use crate::shade::town::rain::RainBetween;
 use crate::world::InScattering;
 use glam::{DVec3, Vec3};
-use squall_formats::units::MillimetresPerHour;
 
 /// Rain of a frame, none of whose drops is drawn on the ways that it is asked for.
 pub struct TownRain<'a> {
@@ -17,9 +16,9 @@ pub struct TownRain<'a> {
 }
 
 impl<'a> TownRain<'a> {
-    /// Rain of this rate in this field, lit by the world as the frame's medium is.
-    pub fn new(rate: MillimetresPerHour, field: RainField<'a>, light: &'a InScattering) -> Self {
-        Self { medium: Medium::geometric(field.rate(rate)), field, light }
+    /// Rain that is this medium in this field, and what it shows of the world's light.
+    pub fn new(medium: Medium, field: RainField<'a>, light: &'a InScattering) -> Self {
+        Self { medium, field, light }
     }
 
     fn share(&self, from: DVec3, direction: DVec3, metres: f64) -> f32 {
@@ -28,7 +27,12 @@ impl<'a> TownRain<'a> {
             return 1.0;
         }
         let ray = Ray { origin: from, direction };
-        let depth = match metres <= self.field.filled_radius(from) && metres <= self.field.farthest() {
+        // Where rain is full at both ends of a way it is so between them.
+        let depth = match metres <= self.field.farthest()
+            && self.field.filled_radius(from) >= 0.0
+            && (metres <= self.field.filled_radius(from)
+                || metres.is_finite() && self.field.filled_radius(from + direction * metres) >= 0.0)
+        {
             true => extinction * metres,
             false => self.medium.optical_depth_in(&self.field, &ray, metres, 1.0),
         };
@@ -48,5 +52,62 @@ impl RainBetween for TownRain<'_> {
         let left = self.share(from.as_dvec3(), direction, f64::from(metres));
         let added = if left < 1.0 { self.light.radiance(direction) } else { [0.0; 3] };
         (left, added.map(|value| value * (1.0 - left)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::medium::{MediumChoice, MediumForm};
+    use crate::rain::{Ceiling, RainVolume, Region};
+    use crate::random::Random;
+    use crate::world::WorldLight;
+    use squall_formats::units::{Metres, MillimetresPerHour};
+
+    const HEAVY: MillimetresPerHour = MillimetresPerHour(25.0);
+
+    #[test]
+    fn a_mirrors_rain_is_the_frames_medium() {
+        /// Single precision of an exponential.
+        const ROUND_OFF: f32 = 1e-6;
+        let light = WorldLight::uniform([1.0; 3]);
+        let (from, to) = (Vec3::ZERO, Vec3::new(0.0, 600.0, 0.0));
+        let left = |form| {
+            let medium = MediumChoice { form, ..MediumChoice::default() }.undrawn(HEAVY);
+            let shown = medium.in_scattering(&light);
+            let extinction = medium.extinction().0;
+            let rain = TownRain::new(medium, RainField::default(), &shown);
+            let (along, added) = rain.along(from, Vec3::Y, 600.0);
+            assert!((added[1] - (1.0 - along)).abs() < 1e-5);
+            assert_eq!(along, rain.left(from, to));
+            assert!((along - libm::exp(-600.0 * extinction) as f32).abs() < ROUND_OFF, "{form:?}");
+            along
+        };
+        let [beside, whole] = [MediumForm::BesideStreaks, MediumForm::Whole].map(left);
+        let wanted = libm::exp(
+            -600.0 * (Medium::whole(HEAVY).extinction().0 - Medium::geometric(HEAVY).extinction().0),
+        );
+        assert!((f64::from(whole / beside) / wanted - 1.0).abs() < 1e-5, "{whole} {beside} {wanted}");
+    }
+
+    #[test]
+    fn rain_that_is_full_at_both_ends_of_a_way_is_full_between_them() {
+        /// Single precision of an exponential, and of places.
+        const ROUND_OFF: f64 = 2e-6;
+        let ceiling = Some(Ceiling { height: Metres(300.0), softness: Metres(50.0) });
+        let region = Some(Region { centre: [10.0, 0.0], radius: Metres(200.0), softness: Metres(80.0) });
+        let field = RainField::from(RainVolume { ceiling, region });
+        let medium = Medium::geometric(MillimetresPerHour(75.0));
+        let light = medium.in_scattering(&WorldLight::default());
+        let rain = TownRain::new(medium.clone(), field, &light);
+        let mut random = Random::new(12);
+        for _ in 0..400 {
+            let [from, to] = [0, 1].map(|_| random.direction().as_vec3() * random.range(0.0, 350.0) as f32);
+            let way = to.as_dvec3() - from.as_dvec3();
+            let ray = Ray { origin: from.as_dvec3(), direction: way.normalize() };
+            let wanted = libm::exp(-medium.extinction().0 * field.path(&ray, 0.0, way.length()));
+            let found = f64::from(rain.left(from, to));
+            assert!((found - wanted).abs() < ROUND_OFF, "{from} {to}: {found} {wanted}");
+        }
     }
 }

@@ -2,11 +2,13 @@
 
 use super::draw::Beyond;
 use crate::camera::Ray;
+use crate::medium::Phase;
 use crate::shade::cloud::CloudPicture;
+use crate::shade::detail::DetailParameters;
 use crate::shade::environment::{Environment, EnvironmentWindow};
-use crate::shade::sky::Sky;
-use crate::world::{Sun, WorldLight};
-use glam::{DVec3, Vec3};
+use crate::shade::sky::{Sky, SkyParameters};
+use crate::world::{InScattering, Sun, WorldLight};
+use glam::{DVec3, Vec3, Vec4};
 use squall_formats::units::Radians;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -36,4 +38,58 @@ pub fn sun_of(sky: &Sky, cloud: Option<&CloudPicture<'_>>, eye: DVec3) -> Option
 /// What the rain is lit by: everything in the map and the sun.
 pub fn light_of(around: &Environment, sun: Option<Sun>) -> WorldLight {
     WorldLight::from_radiance(&|direction: Vec3| around.lookup(direction), sun)
+}
+
+/// What a world was looked at for: sky, billows, eye and the cloud's lit cells.
+type SeenFor<'a> = (&'a SkyParameters, &'a DetailParameters, DVec3, &'a [Vec4]);
+
+/// The world around the eye, kept while nothing of it changes: rain falls and streets shine under the same light for many frames.
+pub struct Surrounding {
+    sky: SkyParameters,
+    detail: DetailParameters,
+    eye: DVec3,
+    cells: Vec<Vec4>,
+    /// The map of all directions.
+    pub around: Environment,
+    /// What the rain is lit by.
+    pub light: WorldLight,
+    /// What a phase function makes of it, without flashes; the last few.
+    spread: Vec<InScattering>,
+}
+
+/// Phase functions that are kept: the drops', and the medium's where it has another.
+const MOST_PHASES: usize = 2;
+
+impl Surrounding {
+    /// The world as `look` sees it, or `kept` if that was seen for the same.
+    pub fn of(
+        kept: Option<Self>,
+        (sky, detail, eye, cells): SeenFor<'_>,
+        look: impl FnOnce() -> (Environment, WorldLight),
+    ) -> Self {
+        let same = |kept: &Self| {
+            kept.sky == *sky && kept.detail == *detail && kept.eye == eye && kept.cells == cells
+        };
+        match kept {
+            Some(kept) if same(&kept) => kept,
+            _ => {
+                let (around, light) = look();
+                let (sky, cells) = (sky.clone(), cells.to_vec());
+                Self { sky, detail: *detail, eye, cells, around, light, spread: Vec::new() }
+            }
+        }
+    }
+
+    /// What scatterers with this phase function show of it, without flashes.
+    pub fn in_scattering(&mut self, phase: &Phase) -> InScattering {
+        if let Some(known) = self.spread.iter().find(|known| known.phase() == phase) {
+            return known.clone();
+        }
+        if self.spread.len() == MOST_PHASES {
+            self.spread.remove(0);
+        }
+        let new = self.light.in_scattering(phase);
+        self.spread.push(new.clone());
+        new
+    }
 }

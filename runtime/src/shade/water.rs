@@ -14,7 +14,7 @@ pub const WATER: f32 = 1.333;
 pub const GLASS: f32 = 1.52;
 
 /// Slope below which a surface counts as no smoother: its highlight is then narrower than the sun's disc.
-const SMOOTHEST: f32 = 1e-3;
+pub(super) const SMOOTHEST: f32 = 1e-3;
 
 /// Share of unpolarised light that a plane water surface reflects, in [0.02, 1]; `cosine` of the angle between
 /// ray and normal, in [0, 1].

@@ -46,17 +46,21 @@ fn every_pixel_is_what_the_sums_in_double_precision_say() {
     const LIGHT: f64 = 2e-3;
     let ceiling = Some(Ceiling { height: Metres(300.0), softness: Metres(50.0) });
     let region = Some(Region { centre: [0.0, 0.0], radius: Metres(200.0), softness: Metres(80.0) });
+    let lid = RainVolume { ceiling, region: None };
     let (medium, metres) = (medium(), depths());
     let beam = Beam { towards: DVec3::new(0.8, 0.6, 0.0), irradiance: [3.0, 2.0, 1.0] };
     let light = medium.in_scattering(&world()).with_beam(beam);
     for volume in
-        [RainVolume::default(), RainVolume { ceiling, region }, RainVolume { ceiling: None, region }]
+        [RainVolume::default(), RainVolume { ceiling, region }, RainVolume { ceiling: None, region }, lid]
     {
         for (kind, fov) in [(DepthKind::Planar, 1.0), (DepthKind::Range, 0.25)] {
             let camera = camera(DVec3::new(20.0, -30.0, 2.0), fov);
-            for holes in
-                [DepthHoles::LeaveAlone, DepthHoles::At(Metres(40.0)), DepthHoles::FillFromNeighbours]
-            {
+            for holes in [
+                DepthHoles::LeaveAlone,
+                DepthHoles::At(Metres(40.0)),
+                DepthHoles::At(Metres(f64::INFINITY)),
+                DepthHoles::FillFromNeighbours,
+            ] {
                 let depth = DepthBuffer::new(&metres, SIZE[0], SIZE[1], kind).unwrap().with_holes(holes);
                 let outlook = Outlook { camera: &camera, volume, light: &light, depth: Some(depth.clone()) };
                 let mut picture = Picture::new(SIZE[0], SIZE[1]).unwrap();

@@ -4,13 +4,15 @@ use super::atmosphere::SUN_HALF_ANGLE;
 use super::{EYE, Sky};
 use crate::camera::{Camera, Projection};
 use crate::world::Sun;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use squall_formats::units::Radians;
 use std::f64::consts::PI;
 
 /// Exponent α of the disc's darkening towards its limb, I(μ) = I(1) μ^α, with μ the cosine of the angle between line of sight
 /// and the sun's surface: −0.023 + 0.292 µm/λ at the middles of the bands, 0.615, 0.535 and 0.465 µm. \[hestroffer\]
 const LIMB: [f32; 3] = [0.452, 0.523, 0.605];
+/// Half widths of the disc that a pixel is wide beyond which samples are not asked: two whole discs.
+const WIDE: f64 = 4.0;
 /// Samples along each side of a pixel that the disc's edge may cross.
 const SUBPIXELS: u32 = 8;
 
@@ -66,6 +68,10 @@ impl Sky {
         if middle.distance_squared(self.sun) > reach * reach {
             return [0.0; 3];
         }
+        let sides = [ray(1.0, 0.5) - ray(0.0, 0.5), ray(0.5, 1.0) - ray(0.5, 0.0)];
+        if sides.iter().any(|side| side.length() > WIDE * SUN_HALF_ANGLE) {
+            return self.disc_in_wide_pixel(camera, [x, y], sides);
+        }
         let mut sum = [0.0f32; 3];
         for i in 0..SUBPIXELS * SUBPIXELS {
             let [u, v] =
@@ -77,11 +83,29 @@ impl Sky {
     }
 }
 
+impl Sky {
+    /// The same where a pixel is so wide that samples in it would miss the disc: the sun's irradiance over the pixel's solid angle,
+    /// shared among the pixels that a square around the disc lies in. `sides` are the pixel's, between unit vectors.
+    fn disc_in_wide_pixel(&self, camera: &Camera, pixel: [usize; 2], sides: [DVec3; 2]) -> [f32; 3] {
+        let Some(sun) = self.sun() else { return [0.0; 3] };
+        let towards = self.sun_direction().as_dvec3();
+        // As far away as keeps the eye's own place from counting.
+        let Some(place) = camera.project(camera.position + towards * 1e6) else { return [0.0; 3] };
+        let share = |axis: usize| {
+            let (middle, reach) = (place.pixel[axis], SUN_HALF_ANGLE / sides[axis].length());
+            let low = (pixel[axis] as f64).max(middle - reach);
+            let high = (pixel[axis] as f64 + 1.0).min(middle + reach);
+            (high - low).max(0.0) / (2.0 * reach)
+        };
+        let per_steradian = share(0) * share(1) / sides[0].cross(sides[1]).length();
+        sun.irradiance.map(|band| band * per_steradian as f32)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::SkyParameters;
     use super::*;
-    use glam::DVec3;
     use squall_formats::units::Degrees;
 
     fn sky(elevation_deg: f64, overcast: f64) -> Sky {
@@ -149,6 +173,25 @@ mod tests {
         let wanted = f64::from(sky.sun().unwrap().irradiance[1]);
         for size in [5, 64] {
             assert!((flux(size) / wanted - 1.0).abs() < SAMPLING, "{size}: {} for {wanted}", flux(size));
+        }
+    }
+
+    #[test]
+    fn pixels_of_five_degrees_lose_none_of_the_sun() {
+        /// Chords for arcs of 5°, and two equal pixels that the disc is shared by though one is a little smaller.
+        const CHORDS: f64 = 0.01;
+        let sky = sky(30.0, 0.0);
+        let (sun, wanted) = (sky.sun_direction().as_dvec3(), f64::from(sky.sun().unwrap().irradiance[1]));
+        for aside in [0.0, 0.03, 0.044, 0.2, 0.31] {
+            let target = (sun + DVec3::new(aside, -0.6 * aside, 0.3 * aside)) * 1e3;
+            let camera = Camera::look_at(DVec3::Z * 2.0, target, Degrees(60.0), [13, 13]).unwrap();
+            let at_axis = 1.0 / (camera.pixels_per_metre() * camera.pixels_per_metre());
+            let mut flux = 0.0;
+            for (x, y) in (0..13).flat_map(|y| (0..13).map(move |x| (x, y))) {
+                let secant = camera.secants().at(x as f64 + 0.5, y as f64 + 0.5);
+                flux += f64::from(sky.disc_in_pixel(&camera, x, y)[1]) * at_axis / (secant * secant * secant);
+            }
+            assert!((flux / wanted - 1.0).abs() < CHORDS, "{aside}: {flux} for {wanted}");
         }
     }
 

@@ -200,7 +200,7 @@ impl Town {
 mod tests {
     use super::*;
     use crate::shade::town::light::{GlowLight, SceneLight};
-    use crate::shade::town::line::LineLight;
+    use crate::shade::town::line::{Images, LineLight};
     use crate::shade::town::rain::NoRain;
     use crate::shade::town::tests::small_town;
     use squall_formats::units::Radians;
@@ -215,7 +215,7 @@ mod tests {
         Lighting {
             ambient: &|_| [0.1, 0.15, 0.3],
             points: &[],
-            images: &[],
+            images: Images::NONE,
             strokes: &[],
             glows: &[],
             leaves: &|_, direction| [direction.z; 3],
@@ -253,7 +253,8 @@ mod tests {
             intensity: bolt.intensity,
             visibility: 1.0,
         };
-        let lighting = Lighting { points: &[bolt], images: &[line], glows: &[glow], ..lighting() };
+        let images = Images::from(vec![line]);
+        let lighting = Lighting { points: &[bolt], images: &images, glows: &[glow], ..lighting() };
         for power in 0..40 {
             // Beside the tower, downwards and upwards.
             for down in [1.0, -1.0, 0.0] {

@@ -6,7 +6,7 @@
 //! streaks of \[toyshop\] §6.3 without a blur pass.
 
 use super::ground::FILM_SLOPE;
-use super::line::LineLight;
+use super::line::{Images, LineLight};
 use super::rain::RainBetween;
 use super::{Hit, Surface, Town};
 use crate::shade::water::{GLASS, fresnel_reflectance, rippled_highlight, water_reflectance};
@@ -41,7 +41,7 @@ pub struct StrokeLights {
     /// Points that light surfaces and cast shadows.
     pub points: Vec<SceneLight>,
     /// Lines whose image stands in the water.
-    pub images: Vec<LineLight>,
+    pub images: Images,
 }
 
 /// Light of everything else, and of up to `N` strokes apart: all of it goes the same way, and each part scales with its source.
@@ -86,7 +86,7 @@ pub struct Lighting<'a> {
     pub points: &'a [SceneLight],
     /// Lines whose image stands in the water: a stroke's channel. What is listed here must not
     /// be in the closure that says what leaving rays see, or its image stands there twice.
-    pub images: &'a [LineLight],
+    pub images: &'a Images,
     /// Strokes whose light is to be told apart; those beyond the parts that are asked for are left out.
     pub strokes: &'a [StrokeLights],
     /// Lit cloud, as light on surfaces without shadows; its image comes from the closure.
@@ -321,10 +321,14 @@ impl Town {
                 add(sum, share * lighting.rain.left(start, middle), light.intensity);
             }
         };
-        lighting.images.iter().for_each(|light| shown(&mut sum.base, light));
+        let shown_of = |images: &'_ Images, sum: &mut [f32; 3]| {
+            let lines = images.shown_at(hit.point, hit.normal, to_viewer, slope);
+            lines.for_each(|light| shown(sum, light));
+        };
+        shown_of(lighting.images, &mut sum.base);
         // Measured against the stroke's own light, what is faint is so at any brightness.
         for (sum, stroke) in sum.strokes.iter_mut().zip(lighting.strokes) {
-            stroke.images.iter().for_each(|light| shown(sum, light));
+            shown_of(&stroke.images, sum);
         }
         for (number, lamp) in self.street_lights().enumerate() {
             let way = lamp.position - hit.point;

@@ -4,7 +4,7 @@
 //! a normal curve does. Sums at steps well below the curve's width are as good as its integral, so a line takes as many steps as
 //! its image is long in widths, and no gap opens between them.
 
-use crate::shade::water::rippled_highlight;
+use crate::shade::water::{SMOOTHEST, rippled_highlight};
 use glam::Vec3;
 
 /// A piece of a channel.
@@ -18,6 +18,92 @@ pub struct LineLight {
     pub intensity: [f32; 3],
     /// Share of it that arrives through cloud, in [0, 1].
     pub visibility: f32,
+}
+
+/// Lines that are asked together whether any of them can have an image.
+const TOGETHER: usize = 8;
+
+/// Lines whose images stand in water, neighbours close to each other; most water asks a few balls around them and no line.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Images {
+    lines: Vec<LineLight>,
+    balls: Vec<Ball>,
+}
+
+/// A ball around the ends of some lines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ball {
+    centre: Vec3,
+    radius: f32,
+}
+
+impl From<Vec<LineLight>> for Images {
+    fn from(lines: Vec<LineLight>) -> Self {
+        let balls = lines.chunks(TOGETHER).map(Ball::around).collect();
+        Self { lines, balls }
+    }
+}
+
+impl std::ops::Deref for Images {
+    type Target = [LineLight];
+
+    fn deref(&self) -> &[LineLight] {
+        &self.lines
+    }
+}
+
+impl Images {
+    /// No lines.
+    pub const NONE: &'static Self = &Self { lines: Vec::new(), balls: Vec::new() };
+
+    /// The lines, in their order, but for those that certainly have no image at `point`.
+    pub(super) fn shown_at(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        to_viewer: Vec3,
+        slope: f32,
+    ) -> impl Iterator<Item = &LineLight> {
+        let runs = self.lines.chunks(TOGETHER).zip(&self.balls);
+        runs.filter(move |(_, ball)| !ball.has_no_image(point, normal, to_viewer, slope))
+            .flat_map(|(lines, _)| lines)
+    }
+}
+
+impl Ball {
+    fn around(lines: &[LineLight]) -> Self {
+        let ends = || lines.iter().flat_map(|line| [line.from, line.to]);
+        let (low, high) = ends()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), end| (low.min(end), high.max(end)));
+        let centre = 0.5 * (low + high);
+        let radius = ends().map(|end| end.distance(centre)).fold(0.0, f32::max);
+        // Outwards by more than round-off.
+        Self { centre, radius: radius * 1.0001 + 1e-3 }
+    }
+
+    /// Whether [`LineLight::highlight`] is 0 for every line in the ball.
+    ///
+    /// Unit vectors to its places differ from the one w to its centre by e at most, so a facet's slope T/N of half = w + v is no
+    /// shorter along T than (|T| − e)/(N + e), and no two of them are farther apart than 2e/(N − e) + 2e(|T| + e)/(N − e)².
+    fn has_no_image(&self, point: Vec3, normal: Vec3, to_viewer: Vec3, slope: f32) -> bool {
+        let way = self.centre - point;
+        let distance = way.length();
+        if distance <= 1.5 * self.radius {
+            return false;
+        }
+        // The chord of an angle whose sine is radius/distance is below √2 times that sine.
+        let e = std::f32::consts::SQRT_2 * self.radius / distance;
+        let half = way / distance + to_viewer;
+        let up = normal.dot(half);
+        let across = (half - normal * up).length();
+        let least = up - e;
+        if least <= 1e-3 {
+            return false;
+        }
+        let apart = 2.0 * e / least * (1.0 + (across + e) / least);
+        // A hundredth more than the lines' own test asks for.
+        (across - e) / (up + e) > 1.01 * (REACH * slope.max(SMOOTHEST) + 0.25 * apart)
+    }
 }
 
 /// Steps as a share of the highlight's standard deviation.
@@ -76,6 +162,7 @@ impl LineLight {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     const BOLT: LineLight = LineLight {
         from: Vec3::new(300.0, 2_000.0, 900.0),
@@ -129,6 +216,30 @@ mod tests {
             parts += 0.5 * (at(&halves[0]) + at(&halves[1]));
         }
         assert!(whole > 0.0 && (parts / whole - 1.0).abs() < STEPS, "{parts} {whole}");
+    }
+
+    #[test]
+    fn lines_that_are_left_out_together_have_no_image() {
+        let mut random = Random::new(3);
+        let place =
+            |random: &mut Random, wide: f64| random.direction().as_vec3() * random.range(0.0, wide) as f32;
+        let (mut asked, mut left_out) = (0, 0);
+        for _ in 0..4000 {
+            let wide = random.range(1.0, 800.0);
+            let middle = Vec3::new(0.0, random.range(50.0, 3000.0) as f32, random.range(0.0, 900.0) as f32);
+            let ends: Vec<Vec3> = (0..9).map(|_| middle + place(&mut random, wide)).collect();
+            let line = |pair: &[Vec3]| LineLight { from: pair[0], to: pair[1], ..BOLT };
+            let images = Images::from(ends.windows(2).map(line).collect::<Vec<_>>());
+            let eye = viewer(random.range(0.001, 0.6) as f32, random.range(-0.4, 0.2) as f32);
+            let slope = [0.0, 0.004, 0.02, 0.1][random.range(0.0, 3.99) as usize];
+            let shown = images.shown_at(Vec3::ZERO, Vec3::Z, eye, slope).count();
+            asked += 1;
+            if shown == 0 {
+                left_out += 1;
+                assert!(images.iter().all(|line| line.highlight(Vec3::ZERO, Vec3::Z, eye, slope) == 0.0));
+            }
+        }
+        assert!(left_out > asked / 10 && left_out < asked, "{left_out} of {asked}");
     }
 
     #[test]

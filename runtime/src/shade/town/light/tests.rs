@@ -19,7 +19,7 @@ fn black(_: Vec3, _: Vec3) -> [f32; 3] {
 const NOTHING: Lighting = Lighting {
     ambient: &dark,
     points: &[],
-    images: &[],
+    images: Images::NONE,
     strokes: &[],
     glows: &[],
     leaves: &black,
@@ -87,7 +87,7 @@ fn a_stroke_told_apart_sends_what_its_points_send() {
     let (near, far) = (vec![light(-900.0)], vec![light(-2000.0)]);
     let stroke = |lights: &[SceneLight]| StrokeLights {
         points: lights.to_vec(),
-        images: lights.iter().map(line).collect(),
+        images: lights.iter().map(line).collect::<Vec<_>>().into(),
     };
     let strokes = [stroke(&near), stroke(&far)];
     let town = small_town();
@@ -100,7 +100,7 @@ fn a_stroke_told_apart_sends_what_its_points_send() {
     /// Single-precision sums of light and dark.
     const ROUND_OFF: f32 = 1e-4;
     for (lights, found) in [near, far].iter().zip(apart.strokes) {
-        let images: Vec<LineLight> = lights.iter().map(line).collect();
+        let images = Images::from(lights.iter().map(line).collect::<Vec<_>>());
         let whole = shade(&Lighting { points: lights, images: &images, ..NOTHING }).base;
         for band in 0..3 {
             let wanted = whole[band] - dark[band];
@@ -125,7 +125,7 @@ fn the_image_of_a_point_is_a_streak_longer_than_wide() {
     let town = small_town();
     let bolt =
         SceneLight { position: Vec3::new(3_000.0, -3_000.0, 600.0), intensity: [1e9; 3], visibility: 1.0 };
-    let images = [line(&bolt)];
+    let images = Images::from(vec![line(&bolt)]);
     let lighting = Lighting { images: &images, ..NOTHING };
     let eye = Vec3::new(0.0, -50.0, 2.0);
     let mirror_elevation = libm::atan2f(600.0, 4_191.0);
