@@ -235,6 +235,7 @@ fn render_and_relight_answer_what_was_drawn() {
         ("sources", Maybe(&Number)),
         ("streaks", Maybe(&Number)),
         ("kept", Number),
+        ("sky", Maybe(&Text)),
         ("flashes", Maybe(&List)),
         ("seconds", Number),
     ];

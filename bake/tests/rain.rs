@@ -315,6 +315,160 @@ fn half_a_sequence_goes_on_and_ends_with_the_same_bytes() {
 }
 
 #[test]
+fn a_shared_list_goes_on_only_behind_lines_that_are_there() {
+    let place = Place::new();
+    place.sequence();
+    let words = "rgb/####.png --depth z/####.npy --rate 20 --streaks all.jsonl -o out --json";
+    place.done(words);
+    let list = place.read("all.jsonl");
+    let whole = place.read("rgb/0002.png");
+    place.write("rgb/0002.png", &whole[..40]);
+    assert_eq!(place.rain(&format!("{words} --strict")).0, 3);
+    let (part, journal) = (place.read("all.jsonl.partial"), place.read("out/manifest.json.partial"));
+    place.write("rgb/0002.png", &whole);
+    let first = list.len() - lines(&list).len();
+    assert!(part.len() < first && list.starts_with(&part));
+    let of_first = lines(&part).iter().filter(|line| line["frame"] == "0000").count();
+    let end = part.iter().enumerate().filter(|(_, byte)| **byte == b'\n').nth(of_first - 1).unwrap().0 + 1;
+    let mut changed = part.clone();
+    changed[end - 3] ^= 1;
+    for (part, kept) in [
+        (Some(&part[..]), 2),
+        (Some(&part[..part.len() - 1]), 1),
+        (Some(&part[..end]), 1),
+        (Some(&part[..end - 1]), 0),
+        (Some(&changed[..]), 0),
+        // The list had its name already, and the manifest was not yet written.
+        (None, 0),
+    ] {
+        place.write("out/manifest.json.partial", &journal);
+        match part {
+            Some(part) => place.write("all.jsonl.partial", part),
+            None => assert!(!place.path("all.jsonl.partial").exists()),
+        }
+        let (code, said, failed) = place.rain(&format!("{words} --resume"));
+        let answer: Value = serde_json::from_str(&said).unwrap();
+        assert_eq!((code, &answer["kept"]), (0, &kept.into()), "{failed}");
+        assert!(place.read("all.jsonl") == list && !place.path("out/manifest.json.partial").exists());
+    }
+}
+
+#[test]
+fn frames_of_other_inputs_are_not_kept() {
+    let place = Place::new();
+    place.sequence();
+    place.write("times.txt", b"0\n0.1\n0.2\n0.3\n");
+    let words = "rgb --depth z --rate 20 --times times.txt -o out --resume --json";
+    let kept = || {
+        let (code, said, failed) = place.rain(words);
+        assert_eq!(code, 0, "{failed}");
+        serde_json::from_str::<Value>(&said).unwrap()["kept"].as_u64().unwrap()
+    };
+    assert_eq!((kept(), kept()), (0, 4));
+    place.write("rgb/0001.png", &png(png::ColorType::Rgb, png::BitDepth::Eight, &samples(50)));
+    assert_eq!(kept(), 3);
+    place.write("z/0002.npy", &npy("<f8", |at| (2.0 * metres(at)).to_le_bytes()));
+    assert_eq!((kept(), kept()), (3, 4));
+    place.write("times.txt", b"0\n0.1\n0.2\n0.4\n");
+    assert_eq!(kept(), 0);
+}
+
+#[test]
+fn a_manifest_is_made_again_from_all_that_it_was_made_from_and_nothing_else() {
+    let place = Place::new();
+    place.sequence();
+    place.write("poses.txt", b"1 0 0 0 0 1 0 0 0 0 1 0\n");
+    place.write("times.txt", b"0\n0.1\n0.2\n0.3\n");
+    place.done("rgb/0000.png --depth z/0000.npy --rate 5 -o light/a.png");
+    place.done(
+        "rgb --depth z --rate 20 --pose poses.txt --times times.txt --environment light/manifest.json -o out",
+    );
+    let names = ["poses.txt", "times.txt", "light/manifest.json"];
+    let inputs = &place.json("out/manifest.json")["inputs"];
+    for (field, name) in ["pose", "times", "environment"].into_iter().zip(names) {
+        assert_eq!(inputs[field]["name"], format!("../{name}"));
+        assert_eq!(inputs[field]["blake3"], blake3::hash(&place.read(name)).to_hex().as_str());
+    }
+    let again = || place.squall("rain --manifest out/manifest.json --quiet");
+    assert_eq!(again().0, 0);
+    for name in names {
+        let bytes = place.read(name);
+        place.write(name, &[&bytes[..], b"\n"].concat());
+        let (code, _, said) = again();
+        assert!(code == 3 && said.contains(name) && said.contains("BLAKE3"), "{name}: {code}: {said}");
+        place.write(name, &bytes);
+    }
+    let frame = place.read("rgb/0003.png");
+    place.write("rgb/0004.png", &frame);
+    let (code, _, said) = again();
+    assert!(code == 3 && said.contains("found 0004 at 20 mm/h beside them"), "{said}");
+    for name in ["rgb/0003.png", "rgb/0004.png"] {
+        std::fs::remove_file(place.path(name)).unwrap();
+    }
+    let (code, _, said) = again();
+    assert!(code == 3 && said.contains("found none of 0003 at 20 mm/h"), "{said}");
+    place.write("rgb/0003.png", &frame);
+    let mut manifest = place.json("out/manifest.json");
+    manifest["frames"][1]["time_s"] = 0.125.into();
+    place.write("out/manifest.json", manifest.to_string().as_bytes());
+    let (code, _, said) = again();
+    assert!(code == 1 && said.contains("0001: time: wanted 0.125 s"), "{code}: {said}");
+}
+
+#[test]
+fn frames_that_are_left_out_take_their_time_where_poses_go_by_number() {
+    let place = Place::new();
+    place.sequence();
+    std::fs::remove_file(place.path("rgb/0001.png")).unwrap();
+    let pose = |x: usize| format!("1 0 0 {x} 0 1 0 0 0 0 1 0\n");
+    place.write("kitti.txt", (0..6).map(pose).collect::<String>().as_bytes());
+    let times = |folder: &str| -> Vec<f64> {
+        let manifest = place.json(&format!("{folder}/manifest.json"));
+        manifest["frames"].as_array().unwrap().iter().map(|frame| frame["time_s"].as_f64().unwrap()).collect()
+    };
+    place.done("rgb --depth z --rate 20 --fps 10 --pose kitti.txt -o kitti");
+    assert_eq!(times("kitti"), [0.0, 0.2, 0.3]);
+    place.done("rgb --depth z --rate 20 --fps 10 -o order");
+    assert_eq!(times("order"), [0.0, 0.1, 0.2]);
+    // TUM's begin with the first frame that has a pose.
+    for (from, to) in [("0000", "1.0"), ("0002", "1.5"), ("0003", "1.75")] {
+        place.write(&format!("named/{to}.png"), &place.read(&format!("rgb/{from}.png")));
+        place.write(&format!("depth/{to}.npy"), &place.read("z/0000.npy"));
+    }
+    let pose = |time: f64| format!("{time} 0 0 0 -0.70710678 0 0 0.70710678\n");
+    place.write("tum.txt", [1.5, 1.75, 2.0, 2.25].map(pose).concat().as_bytes());
+    let (code, _, said) = place.rain("named --depth depth --rate 20 --pose tum.txt -o tum");
+    assert!(code == 1 && said.contains("1 of 3 frames failed"), "{said}");
+    assert_eq!(times("tum")[1..], [0.0, 0.25]);
+}
+
+#[test]
+fn a_depth_that_is_missing_is_its_frames_error_and_not_its_neighbours_depth() {
+    let place = Place::new();
+    place.sequence();
+    std::fs::rename(place.path("z/0001.npy"), place.path("z/0009.npy")).unwrap();
+    let (code, said, words) = place.rain("rgb --depth z --rate 20 -o out --json");
+    let answer: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(
+        (code, &answer["failed"], &answer["errors"][0]["frame"]),
+        (1, &1.into(), &"0001".into()),
+        "{words}"
+    );
+    assert!(answer["notes"][0] == "depths belong to frames by name", "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_frame_that_fails_behind_its_first_output_leaves_none() {
+    let place = Place::new();
+    place.write("out/keep.txt", b"");
+    std::os::unix::fs::symlink("none/m.png", place.path("out/m.png")).unwrap();
+    let (code, _, said) = place.rain("c.png --depth d.npy --rate 20 -o out/r.png --mask out/m.png");
+    assert!(code == 3 && said.contains("m.png"), "{code}: {said}");
+    assert!(!place.path("out/r.png").exists());
+}
+
+#[test]
 fn a_pair_of_cameras_sees_streaks_at_the_disparity_of_their_depth() {
     /// Pictures' places are printed in single precision, px.
     const ROUND_OFF_PX: f64 = 1e-3;
@@ -386,6 +540,8 @@ fn what_cannot_be_rained_on_is_refused_in_words_before_anything_is_written() {
         b"\x93NUMPY\x01\x00\x46\x00{'descr': '<f4', 'fortran_order': False, 'shape': (4, 4)}             \n",
     );
     place.sequence();
+    place.write("twice/a.png", &place.read("c.png"));
+    place.write("twice/a.exr", b"");
     let base = "c.png --depth d.npy --rate 20 -o out/r.png";
     for (words, code, said) in [
         ("c.png --depth none.npy --rate 20 -o out/r.png", 3, "none.npy"),
@@ -406,6 +562,7 @@ fn what_cannot_be_rained_on_is_refused_in_words_before_anything_is_written() {
         ("c.png --depth d.npy --rate nan -o out/r.png", 3, "0 mm/h or more"),
         ("c.png --depth d.npy --rate 5,5 -o out", 3, "5 twice"),
         ("rgb --depth z --rate 5 -o rgb", 3, "none of the frames"),
+        ("twice --depth z --rate 5 -o out", 3, "a.exr and a.png"),
         ("rgb --depth d.npy --rate 5 -o out", 3, "one file"),
         ("rgb/##.png --depth z --rate 5 -o out", 3, "found none"),
         (&format!("{base} --gain -1"), 3, "--gain"),

@@ -99,6 +99,39 @@ fn half_a_sequence_goes_on_with_what_is_whole() {
 }
 
 #[test]
+fn frames_without_a_layer_that_is_asked_for_are_drawn_again() {
+    let place = Place::new();
+    let words = "render ASSET --frames 0..2 --fps 10 --rate 0 -o s#.exr --json --layers";
+    place.answer(&format!("{words} beauty"));
+    assert_eq!(place.answer(&format!("{words} beauty --resume"))["kept"], 2);
+    assert_eq!(place.answer(&format!("{words} beauty,depth --resume"))["kept"], 0);
+    assert_eq!(place.answer(&format!("{words} depth --resume"))["kept"], 2);
+    // A frame without layers is the picture itself.
+    place.answer(&format!("{words} depth"));
+    assert_eq!(
+        place.answer("render ASSET --frames 0..2 --fps 10 --rate 0 -o s#.exr --json --resume")["kept"],
+        0
+    );
+}
+
+#[test]
+fn a_sequence_says_once_what_a_picture_says_of_the_skys_light() {
+    let place = Place::new();
+    let alone = place.answer("render ASSET --sun 105,40 -o p.png --json");
+    assert!(alone["sky"].as_str().is_some_and(|words| words.contains("sun")), "{alone}");
+    for out in ["f#.png", "f.apng"] {
+        let (code, answer, said) =
+            place.squall(&format!("render ASSET --sun 105,40 --frames 0..3 --fps 10 -o {out} --json"));
+        let answer: Value = serde_json::from_str(&answer).unwrap();
+        assert_eq!(
+            (code, &answer["sky"], said.matches("warning: ").count()),
+            (0, &alone["sky"], 1),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 fn an_animated_picture_holds_every_frame_at_its_time() {
     let place = Place::new();
     place.answer("render ASSET --frames 0..4 --fps 25 --exposure-ms 40 -o flash.apng --json");
@@ -231,6 +264,13 @@ fn sequences_that_are_none_are_refused_in_words() {
         ("--frames 0..2 --fps 10 -o f#.png --flashes who.json", 3, "nobody"),
         ("--frames 0..2 --fps 10 -o f#.png --flashes typo.json", 3, "time_s"),
         ("--frames 0..2 --fps 10 -o f#.png --exposure-ms 0", 3, "exposure"),
+        ("--frames 0..2 --fps 10 -o f.png --apng --resume", 2, "cannot be used with"),
+        ("--frames 0..2 --fps 10 -o f.apng --resume", 2, "an animated picture is one file"),
+        ("--frames 0..2 --fps 10 -o f#.png --flashes one.json --flash-seed 2", 2, "cannot be used with"),
+        ("--frames 0..2 --fps 10 -o f#.png --flashes one.json --flash-at 1", 2, "cannot be used with"),
+        ("--frames 0..2 --fps 10 --apng -o f.exr", 3, ".png or .apng"),
+        ("--frames 0..2 --fps 10 --apng -o f##.png", 3, "without #"),
+        ("--frames 0..2 --fps 1e-6 -o f.apng", 3, "65535"),
     ] {
         let (found, _, text) = place.squall(&format!("render ASSET {words}"));
         assert!(found == code && text.contains(said), "{words}: {found}: {text}");

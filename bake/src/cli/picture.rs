@@ -80,7 +80,7 @@ impl PictureFile {
 }
 
 /// What is worth knowing of the sky's light on the cloud; nothing where it is all there, from the asset.
-fn sky_words(report: &FrameReport) -> Option<String> {
+pub fn sky_words(report: &FrameReport) -> Option<String> {
     let sun = match report.sun {
         SunSource::Live => Some("sun solved for on the spot: no baked beam covers it".to_owned()),
         SunSource::Elsewhere(degrees) => {

@@ -9,7 +9,7 @@ use super::asset;
 use super::common::Common;
 use super::folder;
 use super::json;
-use super::picture::{Format, PictureFile, Sheet};
+use super::picture::{Format, PictureFile, Sheet, sky_words};
 use super::progress::Bars;
 use super::sky::SkyArgs;
 use flashes::Timeline;
@@ -85,16 +85,16 @@ pub struct Args {
     #[arg(long, requires = "frames")]
     apng: bool,
     /// Keep frames that are there, whole, and draw the others.
-    #[arg(long, requires = "frames")]
+    #[arg(long, requires = "frames", conflicts_with = "apng")]
     resume: bool,
     /// Keys of flashes in place of the view's (JSON): docs/sequences.md.
     #[arg(long = "flashes", value_name = "KEYS", requires = "frames", conflicts_with = "flashes")]
     keys: Option<PathBuf>,
     /// Seed of the view's flash.
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "frames")]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "frames", conflicts_with = "keys")]
     flash_seed: u64,
     /// When its first return stroke begins, s after frame 0.
-    #[arg(long, value_name = "S", default_value_t = 0.1, requires = "frames")]
+    #[arg(long, value_name = "S", default_value_t = 0.1, requires = "frames", conflicts_with = "keys")]
     flash_at: f64,
     /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
@@ -177,8 +177,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         }
         out.write(sheet.picture(), &tone)?;
         let seconds = start.elapsed().as_secs_f64();
-        bars.say(&format!("{}: 8 pictures, {seconds:.2} s", out.name()));
-        return answer(&args, sheet.picture(), None, (&Value::Null, seconds));
+        let sky = sky_words(&renderer.report());
+        let said = sky.as_ref().map_or_else(String::new, |words| format!(", {words}"));
+        bars.say(&format!("{}: 8 pictures{said}, {seconds:.2} s", out.name()));
+        return answer(&args, sheet.picture(), None, (&Value::Null, sky, seconds));
     }
     bars.begin("picture", 1);
     renderer.render(&frame)?;
@@ -194,7 +196,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Ok(json!({ "stroke": flash.stroke, "span_s": null, "return_strokes": [], "thunder": thunder }))
     });
     let heard = heard.collect::<Result<Vec<_>, RuntimeError>>()?;
-    answer(&args, renderer.picture(), Some(&report), (&heard.into(), seconds))
+    answer(&args, renderer.picture(), Some(&report), (&heard.into(), sky_words(&report), seconds))
 }
 
 /// Writes one picture's layers. Errors: a name that does not end in .exr; as [`Output::write`].
@@ -224,6 +226,9 @@ fn draw_frames(
     if animated && !layers.is_empty() {
         json::usage("--layers go into .exr files, not into an animated picture");
     }
+    if animated && args.resume {
+        json::usage("--resume keeps frames that are files of their own, and an animated picture is one file");
+    }
     let sequence = Sequence { range, fps, animated, resume: args.resume, out: &args.out, layers };
     let made = sequence.run(renderer, frame, (&timeline, tone), bars)?;
     let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
@@ -248,6 +253,7 @@ fn draw_frames(
         "lights_live": null,
         "sources": null,
         "streaks": made.streaks,
+        "sky": made.sky,
         "flashes": timeline.data(renderer, frame.camera.position)?,
         "seconds": seconds,
     }))
@@ -258,7 +264,7 @@ fn answer(
     args: &Args,
     picture: &Picture,
     report: Option<&FrameReport>,
-    (flashes, seconds): (&Value, f64),
+    (flashes, sky, seconds): (&Value, Option<String>, f64),
 ) -> anyhow::Result<()> {
     if !args.json {
         return Ok(());
@@ -276,6 +282,7 @@ fn answer(
         "sources": count(|report| report.sources),
         "streaks": count(|report| report.streaks),
         "kept": 0,
+        "sky": sky,
         "flashes": flashes,
         "seconds": seconds,
     }))

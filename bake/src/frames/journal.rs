@@ -2,7 +2,7 @@
 //! becomes. A line counts when it is whole and the files that it names hold the bytes that it says.
 
 use super::job::Job;
-use super::manifest::{AssetRecord, FrameRecord, StoredLight};
+use super::manifest::{AssetRecord, FrameRecord, Inputs, StoredLight};
 use crate::error::BakeError;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -21,6 +21,8 @@ pub struct Heading {
     pub settings: Job,
     /// Whose rain it is.
     pub asset: AssetRecord,
+    /// What it read beside frames.
+    pub inputs: Inputs,
     /// The light.
     pub light: StoredLight,
 }
@@ -63,11 +65,6 @@ impl Journal {
     pub fn add(&mut self, entry: &Entry) -> Result<(), BakeError> {
         let line = line(&self.path, entry)?;
         self.file.write_all(line.as_bytes()).map_err(BakeError::io(&self.path, "append to"))
-    }
-
-    /// Removes it: the manifest says the same.
-    pub fn end(self) {
-        let _ = std::fs::remove_file(&self.path);
     }
 }
 

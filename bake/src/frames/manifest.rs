@@ -2,10 +2,10 @@
 //! and no place but names as they read from its own folder: the same run writes the same manifest.
 
 use super::job::Job;
+use super::journal::Heading;
 use crate::error::BakeError;
-use crate::input::Input;
 use crate::input::json::read_json;
-use crate::provenance::tool;
+use crate::input::{Fingerprint, Input};
 use serde::{Deserialize, Serialize};
 use squall_formats::units::Radians;
 use squall_runtime::glam::Vec3;
@@ -29,6 +29,9 @@ pub struct Manifest {
     pub settings: Job,
     /// The asset whose rain it is; `null` for the built-in one, whose hash is given all the same.
     pub asset: AssetRecord,
+    /// What was read beside the frames and the asset.
+    #[serde(default)]
+    pub inputs: Inputs,
     /// The light that the rain is in.
     pub light: StoredLight,
     /// Every frame at every rate.
@@ -45,6 +48,18 @@ pub struct FileRecord {
     pub bytes: u64,
     /// BLAKE3 of its bytes, in hexadecimal digits.
     pub blake3: String,
+}
+
+/// Files that a whole run shares; `null` for those that it was not given.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Inputs {
+    /// Where cameras stood.
+    pub pose: Option<FileRecord>,
+    /// When frames were taken.
+    pub times: Option<FileRecord>,
+    /// The panorama, or the manifest whose light it is.
+    pub environment: Option<FileRecord>,
 }
 
 /// The asset of a run.
@@ -136,9 +151,10 @@ pub struct Counts {
 }
 
 impl Manifest {
-    /// A manifest of this tool.
-    pub fn new(settings: Job, asset: AssetRecord, light: StoredLight, frames: Vec<FrameRecord>) -> Self {
-        Self { tool: tool(), manifest: VERSION, settings, asset, light, frames }
+    /// The manifest of a run and what became of its frames.
+    pub fn new(heading: Heading, frames: Vec<FrameRecord>) -> Self {
+        let Heading { tool, settings, asset, inputs, light } = heading;
+        Self { tool, manifest: VERSION, settings, asset, inputs, light, frames }
     }
 
     /// Reads a manifest. Errors: no such file, no manifest, one of another version, light that is none.
@@ -184,7 +200,11 @@ impl StoredLight {
 impl FileRecord {
     /// A file as it was read, under a name.
     pub fn of(name: PathBuf, input: &Input) -> Self {
-        let print = input.fingerprint();
+        Self::of_print(name, &input.fingerprint())
+    }
+
+    /// A file by its length and hash, under a name.
+    pub fn of_print(name: PathBuf, print: &Fingerprint) -> Self {
         Self { name, bytes: print.bytes, blake3: blake3::Hash::from(print.hash).to_hex().to_string() }
     }
 }

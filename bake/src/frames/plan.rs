@@ -4,9 +4,9 @@ use super::job::Job;
 use super::layers::{Ending, ending};
 use super::manifest::NAME;
 use crate::error::BakeError;
-use crate::input::sequence::{FrameFile, Frames, Pattern, find_frames, partner};
+use crate::input::sequence::{FrameFile, Frames, Partners, Pattern, find_frames};
 use crate::output::{Place, folder_of};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Ends of names that a folder of frames, and one of their depth, is looked through for.
@@ -86,12 +86,34 @@ pub struct Plan<'a> {
     pub folder: PathBuf,
     /// The manifest.
     pub manifest: PathBuf,
+    /// How frames of several folders were brought together.
+    pub notes: Vec<String>,
+}
+
+/// What tells a frame from all others: its name, the bits of its rate, its camera.
+pub type Key = (String, u64, Option<String>);
+
+/// A frame of one camera at one rate.
+pub struct Cell<'a> {
+    /// Its moment.
+    pub step: &'a Step,
+    /// Its camera.
+    pub camera: &'a StepCamera,
+    /// Its rate, mm/h.
+    pub rate: f64,
+}
+
+impl Cell<'_> {
+    /// What tells it from all others.
+    pub fn key(&self) -> Key {
+        (self.step.frame.stem.clone(), self.rate.to_bits(), self.camera.name.map(str::to_owned))
+    }
 }
 
 impl<'a> Plan<'a> {
     /// Finds the frames and names every output.
     ///
-    /// Errors: no frames, depth that is one file for several frames, an output that would replace an input or another output, a name
+    /// Errors: no frames, two frames of one name before its ending, depth that is one file for several frames, an output that would replace an input or another output, a name
     /// without an ending that tells its form.
     pub fn new(job: &'a Job) -> Result<Self, BakeError> {
         let colour = find_frames(&job.colour, &COLOUR_ENDINGS)?;
@@ -112,24 +134,34 @@ impl<'a> Plan<'a> {
             let wanted = "a folder or pattern, as the frames are";
             return Err(BakeError::input(&job.depth, "depth", wanted, "one file"));
         }
-        let count = frames.len();
+        check_names(&job.colour, &frames)?;
+        let mut notes = Vec::new();
+        let mut of = |what: &str, frames: &[Option<&FrameFile>], others: &Frames| -> Vec<Option<FrameFile>> {
+            let found = Partners::find(frames, others);
+            notes.extend(found.rule.map(|rule| format!("{what} belong to frames by {}", rule.words())));
+            found.files.into_iter().map(|file| file.cloned()).collect()
+        };
+        let all: Vec<Option<&FrameFile>> = frames.iter().map(Some).collect();
+        let depths = of("depths", &all, &depth);
+        let right = right.map(|(colour, depth)| {
+            let colours = of("the right camera's frames", &all, &colour);
+            let seen: Vec<Option<&FrameFile>> = colours.iter().map(Option::as_ref).collect();
+            let depths = of("the right camera's depths", &seen, &depth);
+            (colours, depths)
+        });
+        let path = |files: &[Option<FrameFile>], index: usize| {
+            files[index].as_ref().map(|file: &FrameFile| file.path.clone())
+        };
         let mut steps = Vec::new();
         for (index, frame) in frames.into_iter().enumerate() {
-            let of = |frame: &FrameFile, depth: &Frames| {
-                partner(frame, index, count, depth).map(|found| found.path.clone())
-            };
             let mut cameras = vec![StepCamera {
                 name: right.as_ref().map(|_| "left"),
                 colour: Some(frame.path.clone()),
-                depth: of(&frame, &depth),
+                depth: path(&depths, index),
             }];
-            if let Some((colour, depth)) = &right {
-                let other = partner(&frame, index, count, colour);
-                cameras.push(StepCamera {
-                    name: Some("right"),
-                    colour: other.map(|other| other.path.clone()),
-                    depth: other.and_then(|other| of(other, depth)),
-                });
+            if let Some((colours, depths)) = &right {
+                let (colour, depth) = (path(colours, index), path(depths, index));
+                cameras.push(StepCamera { name: Some("right"), colour, depth });
             }
             steps.push(Step { index, frame, cameras });
         }
@@ -137,9 +169,23 @@ impl<'a> Plan<'a> {
             true => job.out.clone(),
             false => folder_of(&job.out).to_owned(),
         };
-        let plan = Self { job, steps, many, manifest: folder.join(NAME), folder };
+        let plan = Self { job, steps, many, manifest: folder.join(NAME), folder, notes };
         plan.check_apart()?;
         Ok(plan)
+    }
+
+    /// Every frame of every camera at every rate, in order.
+    pub fn cells(&self) -> impl Iterator<Item = Cell<'_>> {
+        self.steps.iter().flat_map(move |step| {
+            step.cameras.iter().flat_map(move |camera| {
+                self.job.rates_mm_per_h.iter().map(move |&rate| Cell { step, camera, rate })
+            })
+        })
+    }
+
+    /// Where the frames were looked for.
+    pub fn colour(&self) -> &Path {
+        &self.job.colour
     }
 
     /// Number of frames that will be written.
@@ -272,6 +318,19 @@ impl<'a> Plan<'a> {
         }
         Ok(())
     }
+}
+
+/// Refuses frames that only their endings tell apart: depths, lists of streaks and the manifest go by the name before it.
+fn check_names(colour: &Path, frames: &[FrameFile]) -> Result<(), BakeError> {
+    let mut known: HashMap<&str, &FrameFile> = HashMap::new();
+    for frame in frames {
+        if let Some(other) = known.insert(&frame.stem, frame) {
+            let name = |file: &FrameFile| file.path.file_name().unwrap_or_default().display().to_string();
+            let found = format!("{} and {}", name(other), name(frame));
+            return Err(BakeError::input(colour, "frames", "one frame of a name before its ending", found));
+        }
+    }
+    Ok(())
 }
 
 impl Job {

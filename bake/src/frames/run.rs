@@ -1,13 +1,15 @@
 //! The work itself, frame by frame.
 
+mod again;
+mod kept;
 mod taken;
 
 use super::job::{Job, relative};
 use super::journal::{self, Entry, Heading, Journal};
 use super::layers::{self, Ending, ending, write_light, write_shares};
-use super::manifest::{AssetRecord, Counts, FileRecord, FrameRecord, Manifest, OutputRecord};
+use super::manifest::{AssetRecord, Counts, FileRecord, FrameRecord, Inputs, Manifest, OutputRecord};
 use super::place::{NewFolders, check_manifest};
-use super::plan::{Kind, Plan, Step, StepCamera};
+use super::plan::{Key, Kind, Plan, Step, StepCamera};
 use super::stream::{Stream, lines};
 use crate::error::BakeError;
 use crate::input::Input;
@@ -68,6 +70,9 @@ impl Report {
 pub fn run(job: &Job, given: &Given, progress: &dyn Progress) -> Result<Report, BakeError> {
     job.check()?;
     let plan = Plan::new(job)?;
+    if let Some(again) = &given.again {
+        again::check_frames(again, &plan)?;
+    }
     let (rain, asset) = open_rain(job)?;
     let rain_up_to = rain.largest_rate().0;
     if let Some(rate) = job.rates_mm_per_h.iter().find(|rate| **rate > rain_up_to) {
@@ -75,11 +80,23 @@ pub fn run(job: &Job, given: &Given, progress: &dyn Progress) -> Result<Report, 
         return Err(BakeError::Setting { field: "--rate", wanted, found: rate.to_string() });
     }
     let poses = job.pose.as_deref().map(|path| read_poses(path, job.pose_up)).transpose()?;
-    let times = job.times.as_deref().map(read_times).transpose()?.map(|(times, _)| times);
-    let mut work = Work { job, plan: &plan, given, poses, times, rain, notes: Vec::new() };
+    let times = job.times.as_deref().map(read_times).transpose()?;
+    let record =
+        |input: &Input| Ok::<_, BakeError>(FileRecord::of(relative(&input.path, &plan.folder)?, input));
+    let mut inputs = Inputs {
+        pose: poses.as_ref().map(|poses| record(&poses.input)).transpose()?,
+        times: times.as_ref().map(|(_, input)| record(input)).transpose()?,
+        environment: None,
+    };
+    let times = times.map(|(times, _)| times);
+    let mut work =
+        Work { job, plan: &plan, given, poses, times, rain, assumed: false, notes: plan.notes.clone() };
     check_manifest(&plan.manifest)?;
     let mut folders = NewFolders::make(&plan)?;
-    let (light, stored) = work.light()?;
+    let (light, stored) = work.light(&mut inputs)?;
+    if let Some(again) = &given.again {
+        again::check_inputs(again, &inputs, &plan.manifest)?;
+    }
     let asset = AssetRecord { name: name_from(&plan, &asset.0)?, blake3: asset.1 };
     if let Some(again) = &given.again
         && again.asset.blake3 != asset.blake3
@@ -88,14 +105,14 @@ pub fn run(job: &Job, given: &Given, progress: &dyn Progress) -> Result<Report, 
         return Err(BakeError::input(Path::new(&asset.name), "asset", wanted, asset.blake3));
     }
     let settings = job.seen_from(&plan.folder)?;
-    let heading = Heading { tool: tool(), settings, asset, light: stored };
+    let heading = Heading { tool: tool(), settings, asset, inputs, light: stored };
     let (records, kept) = work.all(&light, &heading, progress)?;
     folders.keep();
-    let Heading { settings, asset, light, .. } = heading;
-    let from = light.from.clone();
-    let manifest = Manifest::new(settings, asset, light, records);
+    let from = heading.light.from.clone();
+    let manifest = Manifest::new(heading, records);
     let text = manifest.text().map_err(BakeError::io(&plan.manifest, "write"))?;
     layers::write(&plan.manifest, text.as_bytes())?;
+    // Only now does something else say what the journal does.
     let _ = std::fs::remove_file(journal::path_of(&plan.manifest));
     let notes = work.notes;
     Ok(Report { manifest: plan.manifest.clone(), records: manifest.frames, kept, light: from, notes })
@@ -126,6 +143,8 @@ struct Work<'a> {
     poses: Option<Poses>,
     times: Option<Vec<f64>>,
     rain: FrameRain,
+    /// Whether a note says that samples were taken as sRGB.
+    assumed: bool,
     notes: Vec<String>,
 }
 
@@ -195,61 +214,7 @@ impl Work<'_> {
             stream.end(&path)?;
         }
         pending::set_note(None);
-        if let Some(journal) = journal {
-            journal.end();
-        }
         Ok((records, kept))
-    }
-
-    /// What an earlier run of the same settings made and is still there, whole.
-    fn earlier(&self, journal: &Path, heading: &Heading) -> Vec<Entry> {
-        let mut entries = journal::read(journal, heading);
-        let shared = self.plan.is_shared(Kind::Streaks);
-        if entries.is_empty()
-            && !shared
-            && let Ok(done) = Manifest::read(&self.plan.manifest)
-            && done.tool == heading.tool
-            && (&done.settings, &done.asset, &done.light)
-                == (&heading.settings, &heading.asset, &heading.light)
-        {
-            entries.extend(done.frames.into_iter().map(|record| Entry { record, stream_bytes: None }));
-        }
-        let whole = |entry: &Entry| {
-            let same = |output: &OutputRecord| {
-                let path = self.plan.folder.join(&output.name);
-                shared && output.kind == Kind::Streaks.name()
-                    || fingerprint(&path)
-                        .is_ok_and(|print| blake3::Hash::from(print.hash).to_hex().as_str() == output.blake3)
-            };
-            entry.record.error.is_none() && entry.record.outputs.iter().all(same)
-        };
-        match shared {
-            // Lines of a shared list follow each other: what comes behind a gap is made again.
-            true => entries.into_iter().take_while(|entry| whole(entry)).collect(),
-            false => entries.into_iter().filter(|entry| whole(entry)).collect(),
-        }
-    }
-
-    /// Shared lists of streaks, open behind what is kept of them.
-    fn streams(&self, entries: &[Entry]) -> Result<HashMap<PathBuf, Stream>, BakeError> {
-        let mut streams = HashMap::new();
-        if !self.plan.is_shared(Kind::Streaks) {
-            return Ok(streams);
-        }
-        for (kind, path) in self.plan.all_places()? {
-            if kind != Kind::Streaks || streams.contains_key(&path) {
-                continue;
-            }
-            let of_path = |entry: &&Entry| self.stream_of(&entry.record).as_ref() == Some(&path);
-            let length = entries.iter().filter(of_path).filter_map(|entry| entry.stream_bytes).next_back();
-            streams.insert(path.clone(), Stream::open(&path, length.unwrap_or(0))?);
-        }
-        Ok(streams)
-    }
-
-    fn stream_of(&self, record: &FrameRecord) -> Option<PathBuf> {
-        let step = self.plan.steps.first()?;
-        self.plan.place(Kind::Streaks, step, &step.cameras[0], record.rate_mm_per_h).ok()?
     }
 
     fn read(&self, step: &Step, camera: &StepCamera) -> Result<Pair, BakeError> {
@@ -319,6 +284,7 @@ impl Work<'_> {
         match made {
             Ok(stream_bytes) => Ok((record, stream_bytes)),
             Err(refusal) => {
+                self.remove(&record.outputs);
                 let bad_frame = refusal.exit_code == 3;
                 if !bad_frame || !self.plan.many || self.given.strict {
                     return Err(refusal.error());
@@ -327,6 +293,16 @@ impl Work<'_> {
                 record.error = Some(refusal.words);
                 Ok((record, None))
             }
+        }
+    }
+
+    /// Removes what was written for a frame that failed after it; lists that frames share keep what they hold.
+    fn remove(&self, outputs: &[OutputRecord]) {
+        let own = |output: &&OutputRecord| {
+            !(output.kind == Kind::Streaks.name() && self.plan.is_shared(Kind::Streaks))
+        };
+        for output in outputs.iter().filter(own) {
+            let _ = std::fs::remove_file(self.plan.folder.join(&output.name));
         }
     }
 
@@ -342,7 +318,8 @@ impl Work<'_> {
         record.depth = Some(FileRecord::of(relative(&pair.depth_file.path, folder)?, &pair.depth_file));
         record.transfer = Some(pair.frame.how.clone());
         self.check_again(record)?;
-        if pair.frame.assumed && self.notes.is_empty() {
+        if pair.frame.assumed && !self.assumed {
+            self.assumed = true;
             self.notes.push(format!(
                 "{}: samples taken as {}",
                 pair.colour_file.path.display(),
@@ -402,24 +379,7 @@ impl Work<'_> {
         });
         Ok(stream_bytes)
     }
-
-    /// Refuses a frame that is not the one that the manifest which is made again names.
-    fn check_again(&self, record: &FrameRecord) -> Result<(), BakeError> {
-        let Some(again) = &self.given.again else { return Ok(()) };
-        let Some(known) = again.frames.iter().find(|known| key(known) == key(record)) else { return Ok(()) };
-        for (known, now) in [(&known.colour, &record.colour), (&known.depth, &record.depth)] {
-            let (Some(known), Some(now)) = (known, now) else { continue };
-            if known.blake3 != now.blake3 {
-                let wanted = format!("the file that the manifest names, BLAKE3 {}", known.blake3);
-                return Err(BakeError::input(&now.name, "bytes", wanted, &now.blake3));
-            }
-        }
-        Ok(())
-    }
 }
-
-/// What tells a frame from all others: its name, the bits of its rate, its camera.
-type Key = (String, u64, Option<String>);
 
 fn key(record: &FrameRecord) -> Key {
     (record.frame.clone(), record.rate_mm_per_h.to_bits(), record.camera.clone())

@@ -6,7 +6,8 @@ use crate::error::BakeError;
 use serde::Serialize;
 use squall_runtime::frame_rain::{FrameRain, StreakLabel, TakenFrame};
 use std::fs::File;
-use std::io::{Seek, SeekFrom, Write};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// A list of streaks that several frames share, in the making.
@@ -17,17 +18,39 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Opens the list in the making behind its first `bytes`.
+    /// Opens the list in the making behind its first `bytes`; from 0 it is a new one.
+    ///
+    /// Errors: the system's refusals; a list that is shorter, which would have to grow by bytes that nothing wrote.
     pub fn open(path: &Path, bytes: u64) -> Result<Self, BakeError> {
         let part = journal::path_of(path);
         let open = || -> std::io::Result<File> {
-            let mut file = File::options().create(true).truncate(false).write(true).open(&part)?;
+            let mut file = File::options().create(bytes == 0).truncate(false).write(true).open(&part)?;
+            let found = file.metadata()?.len();
+            if found < bytes {
+                let words = format!("it holds {found} of the {bytes} bytes that are kept");
+                return Err(std::io::Error::new(std::io::ErrorKind::UnexpectedEof, words));
+            }
             file.set_len(bytes)?;
             file.seek(SeekFrom::Start(bytes))?;
             Ok(file)
         };
         let file = open().map_err(BakeError::io(&part, "write"))?;
         Ok(Self { part, file, bytes })
+    }
+
+    /// Whether the list of `path`, in the making, has lines of this hash at `range`.
+    pub fn holds(path: &Path, range: Range<u64>, blake3: &str) -> bool {
+        let read = || -> std::io::Result<bool> {
+            let mut file = File::open(journal::path_of(path))?;
+            if range.start > range.end || file.metadata()?.len() < range.end {
+                return Ok(false);
+            }
+            file.seek(SeekFrom::Start(range.start))?;
+            let mut text = Vec::new();
+            file.take(range.end - range.start).read_to_end(&mut text)?;
+            Ok(blake3::hash(&text).to_hex().as_str() == blake3)
+        };
+        read().unwrap_or(false)
     }
 
     /// Adds lines and answers the length behind them.
@@ -82,4 +105,28 @@ pub fn lines(rain: &FrameRain, taken: &TakenFrame<'_>, record: &FrameRecord) -> 
         text.push('\n');
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_goes_on_behind_what_is_kept_and_never_grows_by_bytes_that_nothing_wrote() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("all.jsonl");
+        std::fs::write(journal::path_of(&path), b"one\ntwo\nthr").unwrap();
+        let hash = |text: &[u8]| blake3::hash(text).to_hex().to_string();
+        assert!(Stream::holds(&path, 4..8, &hash(b"two\n")) && !Stream::holds(&path, 0..4, &hash(b"two\n")));
+        assert!(!Stream::holds(&path, 8..12, &hash(b"thr")));
+        let mut stream = Stream::open(&path, 4).unwrap();
+        assert_eq!(stream.add(&path, b"2\n").unwrap(), 6);
+        stream.end(&path).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"one\n2\n");
+        // Its part has gone: nothing can stand in the place of what it held.
+        assert!(Stream::open(&path, 6).is_err());
+        std::fs::write(journal::path_of(&path), b"one\n").unwrap();
+        assert!(Stream::open(&path, 6).is_err_and(|error| error.to_string().contains("4 of the 6 bytes")));
+        assert_eq!(std::fs::read(&path).unwrap(), b"one\n2\n");
+    }
 }

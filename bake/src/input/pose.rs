@@ -152,6 +152,11 @@ fn pose(numbers: &[f64], up: UpAxis) -> Result<Pose, (&'static str, String)> {
 }
 
 impl Poses {
+    /// Whether `count` frames find their poses by number, so that a number's distance from another one is a time.
+    pub fn by_number(&self, count: usize) -> bool {
+        self.poses.len() > 1 && self.poses.len() != count && self.poses[0].time.is_none()
+    }
+
     /// The pose of the `index`-th of `count` frames: a lone pose is every frame's, as many poses as frames are theirs in order; of more,
     /// TUM's are found by the time that a frame is called by, KITTI's by its number from 0.
     ///

@@ -1,6 +1,7 @@
 //! Sequences of frames: one file, a folder, or a pattern in which #### stands for a frame's number.
 
 use crate::error::BakeError;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Most frames of a sequence.
@@ -119,24 +120,82 @@ pub fn find_frames(path: &Path, extensions: &[&str]) -> Result<Frames, BakeError
     Ok(Frames::Many(found))
 }
 
-/// The frame of `others` that belongs to `frame`, the `index`-th of `count`: by name, by number, or, of as many, by order.
-pub fn partner<'a>(
-    frame: &FrameFile,
-    index: usize,
-    count: usize,
-    others: &'a Frames,
-) -> Option<&'a FrameFile> {
-    let many = match others {
-        Frames::One(one) => return (count == 1).then_some(one),
-        Frames::Many(many) => many,
-    };
-    let named = many.iter().find(|other| other.stem == frame.stem);
-    let numbered = || {
-        let number = frame.number?;
-        let mut same = many.iter().filter(|other| other.number == Some(number));
-        same.next().filter(|_| same.next().is_none())
-    };
-    named.or_else(numbered).or_else(|| if many.len() == count { many.get(index) } else { None })
+/// By what the files of two folders belong together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rule {
+    /// The name before its ending.
+    Name,
+    /// The number in it.
+    Number,
+    /// Some by one, some by the other.
+    NameOrNumber,
+    /// The place among as many.
+    Order,
+}
+
+impl Rule {
+    /// The rule in words, behind "by".
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Name => "name",
+            Self::Number => "number",
+            Self::NameOrNumber => "name, else by number",
+            Self::Order => "order: no name or number is the same",
+        }
+    }
+}
+
+/// The files that belong to a sequence's frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Partners<'a> {
+    /// One for each frame that has one.
+    pub files: Vec<Option<&'a FrameFile>>,
+    /// How they were found; `None` for one file that belongs to one frame, and where nothing belongs together.
+    pub rule: Option<Rule>,
+}
+
+impl<'a> Partners<'a> {
+    /// The files of `others` that belong to `frames`: by name, else by number; in order only where no frame of the whole sequence has its
+    /// name or number among them and there are as many. (Where some have, order would give a frame another one's file.)
+    pub fn find(frames: &[Option<&FrameFile>], others: &'a Frames) -> Self {
+        let many = match others {
+            Frames::One(one) => {
+                let files = frames.iter().map(|frame| frame.filter(|_| frames.len() == 1).map(|_| one));
+                return Self { files: files.collect(), rule: None };
+            }
+            Frames::Many(many) => many,
+        };
+        let mut names: HashMap<&str, &FrameFile> = HashMap::new();
+        let mut numbers: HashMap<u64, Option<&FrameFile>> = HashMap::new();
+        for other in many {
+            names.entry(&other.stem).or_insert(other);
+            if let Some(number) = other.number {
+                // A number that two are called by is nobody's.
+                numbers.entry(number).and_modify(|known| *known = None).or_insert(Some(other));
+            }
+        }
+        let (mut by_name, mut by_number) = (false, false);
+        let mut of = |frame: &FrameFile| {
+            let named = names.get(frame.stem.as_str()).copied();
+            let numbered = || numbers.get(&frame.number?).copied().flatten();
+            let found = named.or_else(numbered);
+            by_name |= named.is_some();
+            by_number |= named.is_none() && found.is_some();
+            found
+        };
+        let files: Vec<_> = frames.iter().map(|frame| frame.and_then(&mut of)).collect();
+        let rule = match (by_name, by_number) {
+            (true, true) => Some(Rule::NameOrNumber),
+            (true, false) => Some(Rule::Name),
+            (false, true) => Some(Rule::Number),
+            (false, false) if many.len() == frames.len() => {
+                let files = frames.iter().zip(many).map(|(frame, other)| frame.map(|_| other)).collect();
+                return Self { files, rule: Some(Rule::Order) };
+            }
+            (false, false) => None,
+        };
+        Self { files, rule }
+    }
 }
 
 #[cfg(test)]
@@ -187,19 +246,35 @@ mod tests {
     }
 
     #[test]
-    fn partners_share_a_name_a_number_or_a_place() {
-        let of = |names: &[&str]| {
-            Frames::Many(names.iter().map(|name| frame(PathBuf::from(name), None)).collect())
+    fn partners_share_a_name_or_a_number_and_a_place_only_where_no_frame_shares_either() {
+        let of = |names: &[&str]| -> Vec<FrameFile> {
+            names.iter().map(|name| frame(PathBuf::from(name), None)).collect()
         };
-        let a = frame(PathBuf::from("rgb/000002.png"), None);
-        let path = |others: &Frames, index, count| {
-            partner(&a, index, count, others).map(|found| found.path.to_str().unwrap().to_owned())
+        let check = |frames: &[&str], others: &[&str], rule: Option<Rule>, wanted: &[Option<&str>]| {
+            let (frames, others) = (of(frames), Frames::Many(of(others)));
+            let all: Vec<Option<&FrameFile>> = frames.iter().map(Some).collect();
+            let found = Partners::find(&all, &others);
+            let names: Vec<_> = found.files.iter().map(|file| Some(file.as_ref()?.path.to_str()?)).collect();
+            assert_eq!((names.as_slice(), found.rule), (wanted, rule), "{frames:?} {others:?}");
         };
-        assert_eq!(path(&of(&["000001.npy", "000002.npy"]), 0, 9).as_deref(), Some("000002.npy"));
-        assert_eq!(path(&of(&["depth1.npy", "depth2.npy"]), 0, 9).as_deref(), Some("depth2.npy"));
-        assert_eq!(path(&of(&["x.npy", "y.npy", "z.npy"]), 1, 3).as_deref(), Some("y.npy"));
-        assert_eq!(path(&of(&["x.npy", "y.npy"]), 1, 3), None);
-        let one = Frames::One(frame(PathBuf::from("d.npy"), None));
-        assert_eq!((path(&one, 0, 1).as_deref(), path(&one, 0, 2)), (Some("d.npy"), None));
+        let frames = ["1.png", "2.png", "3.png"];
+        check(&frames, &["2.npy", "3.npy"], Some(Rule::Name), &[None, Some("2.npy"), Some("3.npy")]);
+        check(&frames, &["d3.npy", "d1.npy"], Some(Rule::Number), &[Some("d1.npy"), None, Some("d3.npy")]);
+        check(
+            &frames,
+            &["1.npy", "d3.npy"],
+            Some(Rule::NameOrNumber),
+            &[Some("1.npy"), None, Some("d3.npy")],
+        );
+        let order = [Some("x.npy"), Some("y.npy"), Some("z.npy")];
+        check(&frames, &["x.npy", "y.npy", "z.npy"], Some(Rule::Order), &order);
+        check(&frames, &["x.npy", "y.npy"], None, &[None; 3]);
+        // As many, but one of them is another frame's: the frame without a depth has none, and not its neighbour's.
+        check(&frames, &["1.npy", "3.npy", "4.npy"], Some(Rule::Name), &[Some("1.npy"), None, Some("3.npy")]);
+        check(&["1.png"], &["a1.npy", "b1.npy"], None, &[None]);
+        let (one, two) = (Frames::One(frame(PathBuf::from("d.npy"), None)), of(&["a.png", "b.png"]));
+        let all: Vec<Option<&FrameFile>> = two.iter().map(Some).collect();
+        assert_eq!(Partners::find(&all[..1], &one).files[0].unwrap().path, Path::new("d.npy"));
+        assert_eq!(Partners::find(&all, &one).files, [None, None]);
     }
 }

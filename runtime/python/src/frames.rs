@@ -136,6 +136,11 @@ impl Rain {
             "ray" => DepthKind::Range,
             other => return Err(wanted("depth_kind", "'planar', 'ray' or 'disparity'", format!("'{other}'"))),
         };
+        if let Some(baseline) = baseline
+            && !(baseline > 0.0 && baseline.is_finite())
+        {
+            return Err(wanted("baseline", "metres above 0", baseline.to_string()));
+        }
         let disparity = match (depth_kind, baseline) {
             ("disparity", None) => return Err(wanted("baseline", "metres, which a disparity needs", "None")),
             ("disparity", Some(baseline)) => {

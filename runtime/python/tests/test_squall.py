@@ -115,6 +115,8 @@ def test_what_is_wrong_is_a_value_error_that_says_so():
     refused("either intrinsics or vertical_fov", vertical_fov=None)
     refused("'planar', 'ray'", depth_kind="z")
     refused("baseline", depth_kind="disparity")
+    for baseline in (-0.5, 0.0, float("nan"), float("inf")):
+        refused("baseline: wanted metres above 0", depth_kind="disparity", baseline=baseline)
     refused("rotation", pose=np.zeros((4, 4)).tolist())
     refused("gain", gain=-1.0)
     try:

@@ -3,12 +3,13 @@
 use super::Work;
 use crate::error::BakeError;
 use crate::frames::job::relative;
-use crate::frames::manifest::{Manifest, StoredLight};
+use crate::frames::manifest::{FileRecord, Inputs, Manifest, StoredLight};
 use crate::frames::plan::{Step, StepCamera};
 use crate::input::light_probe::read_light_probe;
 use crate::input::picture::frame::frame_of;
 use crate::input::picture::picture_file;
 use crate::input::pose::Pose;
+use crate::provenance::fingerprint;
 use squall_formats::units::{Degrees, Metres};
 use squall_runtime::Camera;
 use squall_runtime::camera::{Intrinsics, Projection};
@@ -28,18 +29,28 @@ pub struct Moment {
 
 impl Work<'_> {
     /// The light of the whole run: the manifest's that is made again, the environment's, or what the first readable frame shows.
-    pub fn light(&mut self) -> Result<(WorldLight, StoredLight), BakeError> {
+    ///
+    /// The file that it is from, where one was given, is noted in `inputs`.
+    pub fn light(&mut self, inputs: &mut Inputs) -> Result<(WorldLight, StoredLight), BakeError> {
+        let folder = &self.plan.folder;
         if let Some(again) = &self.given.again {
+            if let Some(path) = &self.job.environment {
+                let print = fingerprint(path)?;
+                inputs.environment = Some(FileRecord::of_print(relative(path, folder)?, &print));
+            }
             return Ok((again.light.world(&self.plan.manifest)?, again.light.clone()));
         }
         if let Some(path) = &self.job.environment {
+            let name = relative(path, folder)?;
             if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("json")) {
                 let light = Manifest::read(path)?.light;
+                inputs.environment = Some(FileRecord::of_print(name, &fingerprint(path)?));
                 return Ok((light.world(path)?, light));
             }
             let (light, input) = read_light_probe(path)?;
-            let hash = blake3::hash(&input.bytes).to_hex();
-            let from = format!("{}, BLAKE3 {hash}", relative(path, &self.plan.folder)?.display());
+            let record = FileRecord::of(name, &input);
+            let from = format!("{}, BLAKE3 {}", record.name.display(), record.blake3);
+            inputs.environment = Some(record);
             let stored = StoredLight::of(&light, from);
             return Ok((light, stored));
         }
@@ -110,7 +121,8 @@ impl Work<'_> {
         }
     }
 
-    /// Time of a frame: the file of times', its pose's, or by the number of frames a second.
+    /// Time of a frame: the file of times'; its pose's, from the first one that there is; or by the number of frames a second, which counts
+    /// what frames are called by where poses do, and frames where nothing does.
     pub fn time(&self, step: &Step) -> Result<f64, BakeError> {
         let start = self.job.time_s;
         if let Some(times) = &self.times {
@@ -122,7 +134,15 @@ impl Work<'_> {
             let missing = || BakeError::input(path, "times", wanted, format!("{} lines", times.len()));
             return found.map(|time| start + time).ok_or_else(missing);
         }
-        let first = self.plan.steps.first().and_then(|first| self.pose(first).ok()?.time);
+        let steps = &self.plan.steps;
+        if self.poses.as_ref().is_some_and(|poses| poses.by_number(steps.len())) {
+            // Frames that a sequence leaves out take their time all the same: poses, and so velocities, are by number.
+            let first = steps.iter().find_map(|step| step.frame.number);
+            if let Some((first, own)) = first.zip(step.frame.number) {
+                return Ok(start + (own as f64 - first as f64) / self.job.fps);
+            }
+        }
+        let first = steps.iter().find_map(|step| self.pose(step).ok()?.time);
         match (first, self.pose(step).ok().and_then(|pose| pose.time)) {
             (Some(first), Some(own)) if self.plan.many => Ok(start + (own - first)),
             _ => Ok(start + step.index as f64 / self.job.fps),
