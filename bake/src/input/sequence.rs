@@ -254,7 +254,7 @@ mod tests {
             let (frames, others) = (of(frames), Frames::Many(of(others)));
             let all: Vec<Option<&FrameFile>> = frames.iter().map(Some).collect();
             let found = Partners::find(&all, &others);
-            let names: Vec<_> = found.files.iter().map(|file| Some(file.as_ref()?.path.to_str()?)).collect();
+            let names: Vec<_> = found.files.iter().map(|file| file.as_ref()?.path.to_str()).collect();
             assert_eq!((names.as_slice(), found.rule), (wanted, rule), "{frames:?} {others:?}");
         };
         let frames = ["1.png", "2.png", "3.png"];
