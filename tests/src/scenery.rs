@@ -34,7 +34,7 @@ fn dusk(town: &Town) -> Picture {
     let lighting = Lighting {
         ambient: &|normal| sky.ambient_irradiance(normal),
         points: &[],
-        images: &[],
+        images: squall_runtime::shade::town::line::Images::NONE,
         strokes: &[],
         glows: &[],
         leaves: &|_, direction| sky.radiance(direction),

@@ -223,12 +223,16 @@ impl Radius {
         let at = |s: f64| {
             let sigma = s + shift;
             let root = (sigma * sigma + delta2).sqrt();
-            let log = if delta2 > 0.0 { delta2 * libm::asinh(sigma / delta2.sqrt()) } else { 0.0 };
-            let r = 0.5 * (sigma * root + log);
-            [r, root * root * root / 3.0 - shift * r]
+            // σ + √(σ² + δ²), which loses no digits on either side.
+            let sum = if sigma < 0.0 { delta2 / (root - sigma) } else { sigma + root };
+            [sigma * root, root * root * root / 3.0, sum]
         };
-        let [[r1, sr1], [r0, sr0]] = [at(to), at(from)];
-        [root_a * (r1 - r0), root_a * (sr1 - sr0)]
+        let [[plain1, cube1, sum1], [plain0, cube0, sum0]] = [at(to), at(from)];
+        // The difference of two inverse hyperbolic sines is one logarithm.
+        // A ray through the axis itself has none of it.
+        let log = if delta2 > 1e-100 { delta2 * libm::log(sum1 / sum0) } else { 0.0 };
+        let r = 0.5 * (plain1 - plain0 + log);
+        [root_a * r, root_a * (cube1 - cube0 - shift * r)]
     }
 }
 

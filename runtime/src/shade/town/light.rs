@@ -117,6 +117,8 @@ pub struct Mirror {
     pub points: f32,
 }
 
+/// Just below the share of a number of single precision that, added to it, never changes it.
+const HALF_A_DIGIT: f32 = 2.9e-8;
 /// As far as anything that casts a shadow may stand, m.
 const FARTHEST_SHADE_M: f32 = 5e4;
 
@@ -312,9 +314,16 @@ impl Town {
         let slope = (surface.slope * surface.slope + 0.25 * mirror.angle * mirror.angle).sqrt();
         // What adds less than a thousandth is not worth asking whether a wall stands before it.
         let faint = |share: f32, light: f32, sum: &[f32; 3]| share * light < 1e-3 * sum[1];
+        // What is below half a last digit of the sum leaves it as it is: neither walls nor rain need be asked.
+        let is_lost = |share: f32, light: [f32; 3], sum: &[f32; 3]| {
+            (0..3).all(|band| share * light[band] <= HALF_A_DIGIT * sum[band])
+        };
         let shown = |sum: &mut [f32; 3], light: &LineLight| {
             let bright = light.highlight(hit.point, hit.normal, to_viewer, slope);
             let share = mirror.points * bright * light.visibility;
+            if is_lost(share, light.intensity, sum) {
+                return;
+            }
             let middle = light.middle();
             let faint = faint(share, light.intensity[1], sum);
             if share > 0.0 && (faint || !self.is_blocked(start, middle)) {
@@ -335,7 +344,7 @@ impl Town {
             let squared = way.length_squared().max(1e-4);
             let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
             let share = mirror.points * highlight / squared;
-            if share > 0.0 {
+            if share > 0.0 && !is_lost(share, lamp.intensity, &sum.base) {
                 let reach = if faint(share, lamp.intensity[1], &sum.base) {
                     1.0
                 } else {

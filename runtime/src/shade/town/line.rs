@@ -225,7 +225,7 @@ mod tests {
             |random: &mut Random, wide: f64| random.direction().as_vec3() * random.range(0.0, wide) as f32;
         let (mut asked, mut left_out) = (0, 0);
         for _ in 0..4000 {
-            let wide = random.range(1.0, 800.0);
+            let wide = random.range(1.0, 150.0);
             let middle = Vec3::new(0.0, random.range(50.0, 3000.0) as f32, random.range(0.0, 900.0) as f32);
             let ends: Vec<Vec3> = (0..9).map(|_| middle + place(&mut random, wide)).collect();
             let line = |pair: &[Vec3]| LineLight { from: pair[0], to: pair[1], ..BOLT };
