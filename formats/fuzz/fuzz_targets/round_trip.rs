@@ -63,7 +63,13 @@ fn response_again(bytes: &[u8], version: u16) {
     let section = write(&first.head, ResponseRows { rows, bounds: first.bounds.to_vec() });
     let written = Aligned::new(&section.to_bytes());
     let second = ResponseSection::read(written.bytes(), section.version, &Limits::default()).expect("reads");
-    assert_eq!((&first.head, first.bounds, first.rows), (&second.head, second.bounds, second.rows));
+    assert_eq!(first.rows, second.rows);
+    // Figures may be no numbers, which equal nothing; their bytes still come back.
+    let rows = (0..second.row_count()).map(|row| second.row_unchecked(row).map(<[u8]>::to_vec));
+    let rows: Result<Vec<Vec<u8>>, ReadError> = rows.collect();
+    let rows = rows.expect("rows of a section that reads lie in it");
+    let again = write(&second.head, ResponseRows { rows, bounds: second.bounds.to_vec() });
+    assert_eq!((again.version, again.to_bytes()), (section.version, section.to_bytes()));
 }
 
 fuzz_target!(|data: &[u8]| {
