@@ -65,13 +65,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             sources.map(|(file, picture)| Source { file, picture, notes: None }).collect();
         fit_all(&sources, FitSettings { method, cosines })
     };
-    let mut counts = if task.quick { vec![6] } else { vec![0, 3, 6, 12, 24] };
-    let own_count = rain.fit.cosines;
-    if rain.psnr_db.is_none() && rain.fit.method == Method::Edges {
-        counts.push(own_count);
-        counts.sort_unstable();
-        counts.dedup();
-    }
+    let counts = cosine_counts(rain, task.quick);
     let section = bake_density(&rain.density)?;
     let own = &rain.density.ranges;
     let rates: Vec<f64> = if task.quick { vec![25.0] } else { RATES.to_vec() };
@@ -127,17 +121,30 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         let words = "Algorithm 1 as printed: a grid on the screen, 6 cosines".to_owned();
         add("Algorithm 1", words, false, true, (f64::NAN, grid));
         add("particle system", "particles, textures".into(), false, true, (f64::NAN, system));
-        let table = TABLE_1.iter().find(|(table_fov, _)| *table_fov == fov);
-        let place = RATES.iter().position(|&r| r == rate);
-        if let (Some((_, fps)), Some(place)) = (table, place) {
-            // The paper gives no error; the point has a cost alone. Its horizontal fov stands beside our vertical one.
-            let cost = Cost::exact(1e3 / fps[place]);
-            let setting =
-                format!("paper's table 1: {} fps on a GTX 980, whole frame, horizontal fov", fps[place]);
-            add("paper's table 1", setting, false, true, (f64::NAN, cost));
+        // The paper gives no error; the point has a cost alone. Its horizontal fov stands beside our vertical one.
+        if let Some(fps) = frames_per_second(rate, fov) {
+            let setting = format!("paper's table 1: {fps} fps on a GTX 980, whole frame, horizontal fov");
+            add("paper's table 1", setting, false, true, (f64::NAN, Cost::exact(1e3 / fps)));
         }
     }
     Ok(points)
+}
+
+/// Numbers of cosines that are swept, the recipe's own among them.
+fn cosine_counts(rain: &crate::recipe::model::Rain, quick: bool) -> Vec<usize> {
+    let mut counts = if quick { vec![6] } else { vec![0, 3, 6, 12, 24] };
+    if rain.psnr_db.is_none() && rain.fit.method == Method::Edges {
+        counts.push(rain.fit.cosines);
+        counts.sort_unstable();
+        counts.dedup();
+    }
+    counts
+}
+
+/// What \[weber\]'s table 1 has for a rate, mm/h, and a field of view, degrees.
+fn frames_per_second(rate: f64, fov: f64) -> Option<f64> {
+    let (_, fps) = TABLE_1.iter().find(|(table_fov, _)| *table_fov == fov)?;
+    RATES.iter().position(|&r| r == rate).map(|place| fps[place])
 }
 
 /// A moment of rain.

@@ -12,7 +12,7 @@ use squall_bake::input::sequence::{Frames, find_frames};
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
-use squall_bake::streak::extract::{ExtractSettings, FEWEST_FRAMES, extract};
+use squall_bake::streak::extract::{ExtractSettings, Extracted, FEWEST_FRAMES, extract};
 use squall_bake::streak::preview::{sheet, write_png8, write_png16};
 use std::path::PathBuf;
 
@@ -80,24 +80,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut folder = OutputFolder::prepare(&args.out)?;
     let bars = args.common.start()?;
     bars.begin("frames", paths.len() as u64);
-    let mut frames: Vec<Grey> = Vec::new();
-    for path in &paths {
-        bars.check()?;
-        let picture = frame_of(&picture_file(path)?)?.picture;
-        if let Some(first) = frames.first()
-            && (first.width, first.height) != (picture.width, picture.height)
-        {
-            let wanted = format!("{} × {}, as {} has", first.width, first.height, paths[0].display());
-            let found = format!("{} × {}", picture.width, picture.height);
-            return Err(BakeError::input(path, "picture size", wanted, found).into());
-        }
-        let grey = |pixel: &[f32; 3]| {
-            pixel.iter().zip(LUMINANCE).map(|(value, share)| f64::from(*value) * share).sum::<f64>() as f32
-        };
-        let pixels = picture.pixels.iter().map(grey).collect();
-        frames.push(Grey { width: picture.width, height: picture.height, pixels });
-        bars.advance(1);
-    }
+    let frames = read_frames(&paths, &bars)?;
     let settings = ExtractSettings {
         threshold: args.threshold,
         least_px: [args.least_length, args.least_width],
@@ -142,6 +125,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             "streaks": list,
         }));
     }
+    if streaks.is_empty() {
+        bars.warn("no streak was found; a lower --threshold, --least-length or --least-width finds more");
+    }
+    print_table(&names, &streaks, &paths)
+}
+
+fn print_table(names: &[String], streaks: &[Extracted], paths: &[PathBuf]) -> anyhow::Result<()> {
     let columns = [
         Column::left("picture"),
         Column::right("length px"),
@@ -150,7 +140,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Column::right("contrast"),
         Column::left("frame"),
     ];
-    let rows = names.iter().zip(&streaks).map(|(name, streak)| {
+    let rows = names.iter().zip(streaks).map(|(name, streak)| {
         vec![
             name.clone(),
             format!("{:.1}", streak.length_px),
@@ -161,8 +151,30 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ]
     });
     let rows: Vec<Vec<String>> = rows.collect();
-    if rows.is_empty() {
-        bars.warn("no streak was found; a lower --threshold, --least-length or --least-width finds more");
-    }
     print(&layout(&columns, &rows))
+}
+
+/// The frames' luminance.
+///
+/// Errors: a damaged picture, one of another size than the first, an interruption.
+fn read_frames(paths: &[PathBuf], progress: &dyn Progress) -> anyhow::Result<Vec<Grey>> {
+    let mut frames: Vec<Grey> = Vec::new();
+    for path in paths {
+        progress.check()?;
+        let picture = frame_of(&picture_file(path)?)?.picture;
+        if let Some(first) = frames.first()
+            && (first.width, first.height) != (picture.width, picture.height)
+        {
+            let wanted = format!("{} × {}, as {} has", first.width, first.height, paths[0].display());
+            let found = format!("{} × {}", picture.width, picture.height);
+            return Err(BakeError::input(path, "picture size", wanted, found).into());
+        }
+        let grey = |pixel: &[f32; 3]| {
+            pixel.iter().zip(LUMINANCE).map(|(value, share)| f64::from(*value) * share).sum::<f64>() as f32
+        };
+        let pixels = picture.pixels.iter().map(grey).collect();
+        frames.push(Grey { width: picture.width, height: picture.height, pixels });
+        progress.advance(1);
+    }
+    Ok(frames)
 }

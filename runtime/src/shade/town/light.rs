@@ -273,43 +273,11 @@ impl Town {
         lighting: &Lighting,
         mirror: Mirror,
     ) -> (Parts<N>, f32) {
-        let start = Self::lifted(hit);
-        let to_viewer = -direction;
-        let along = direction.truncate().normalize_or(Vec2::X);
-        let (mut sum, mut share, mut weights) = (Parts::NONE, 0.0, 0.0);
-        // A rough film needs all facets, still water few: the samples of a pixel differ anyway.
-        let facets =
-            (mirror.facets as f32 * (surface.slope / FILM_SLOPE).sqrt().min(1.0)).ceil().max(1.0) as u32;
-        for k in 0..facets {
-            // Slopes towards and away from the eye move a reflection up and down, which at grazing is most of
-            // what happens: they get the sequence's better side.
-            let at = spread(mirror.sample[0] + k * mirror.sample[1], mirror.shift);
-            let (toward, aside) = (normal_quantile(at.x), normal_quantile(at.y));
-            let tilt = (along * toward + along.perp() * aside) * surface.slope;
-            let facet = (hit.normal + tilt.extend(0.0)).normalize();
-            // A facet shows itself as large as it is seen.
-            let seen = to_viewer.dot(facet);
-            if seen <= 0.0 {
-                continue;
-            }
-            let mut onward = direction + facet * (2.0 * seen);
-            // What a steep facet sends down meets the water again and goes up after all.
-            onward.z = onward.z.abs().max(1e-4);
-            let onward = onward.normalize();
-            let reflected = seen * water_reflectance(seen);
-            let blur = |metres: f32| metres * (surface.slope + mirror.angle);
-            let light = self.seen(start, onward, blur, lighting);
-            sum.add(reflected, light);
-            share += reflected;
-            weights += seen;
-        }
-        if weights > 0.0 {
-            sum = sum.each(|_, value| value / weights);
-            share /= weights;
-        }
+        let (mut sum, share) = self.facets(direction, hit, surface, lighting, mirror);
         if mirror.points == 0.0 {
             return (sum, share);
         }
+        let (start, to_viewer) = (Self::lifted(hit), -direction);
         // A pixel's own width adds to the facets' spread, so that no highlight falls between pixels.
         let slope = (surface.slope * surface.slope + 0.25 * mirror.angle * mirror.angle).sqrt();
         // What adds less than a thousandth is not worth asking whether a wall stands before it.
@@ -362,6 +330,52 @@ impl Town {
             if share > 0.0 && self.sees(start, sun.towards) {
                 add(&mut sum.base, share, sun.irradiance);
             }
+        }
+        (sum, share)
+    }
+
+    /// What the facets of a rough mirror show of the world around, and the share of it that they reflect.
+    fn facets<const N: usize>(
+        &self,
+        direction: Vec3,
+        hit: &Hit,
+        surface: &Surface,
+        lighting: &Lighting,
+        mirror: Mirror,
+    ) -> (Parts<N>, f32) {
+        let start = Self::lifted(hit);
+        let to_viewer = -direction;
+        let along = direction.truncate().normalize_or(Vec2::X);
+        let (mut sum, mut share, mut weights) = (Parts::NONE, 0.0, 0.0);
+        // A rough film needs all facets, still water few: the samples of a pixel differ anyway.
+        let facets =
+            (mirror.facets as f32 * (surface.slope / FILM_SLOPE).sqrt().min(1.0)).ceil().max(1.0) as u32;
+        for k in 0..facets {
+            // Slopes towards and away from the eye move a reflection up and down, which at grazing is most of
+            // what happens: they get the sequence's better side.
+            let at = spread(mirror.sample[0] + k * mirror.sample[1], mirror.shift);
+            let (toward, aside) = (normal_quantile(at.x), normal_quantile(at.y));
+            let tilt = (along * toward + along.perp() * aside) * surface.slope;
+            let facet = (hit.normal + tilt.extend(0.0)).normalize();
+            // A facet shows itself as large as it is seen.
+            let seen = to_viewer.dot(facet);
+            if seen <= 0.0 {
+                continue;
+            }
+            let mut onward = direction + facet * (2.0 * seen);
+            // What a steep facet sends down meets the water again and goes up after all.
+            onward.z = onward.z.abs().max(1e-4);
+            let onward = onward.normalize();
+            let reflected = seen * water_reflectance(seen);
+            let blur = |metres: f32| metres * (surface.slope + mirror.angle);
+            let light = self.seen(start, onward, blur, lighting);
+            sum.add(reflected, light);
+            share += reflected;
+            weights += seen;
+        }
+        if weights > 0.0 {
+            sum = sum.each(|_, value| value / weights);
+            share /= weights;
         }
         (sum, share)
     }
