@@ -1,6 +1,5 @@
 //! Where outputs go and how a command stops: rights, links, standard output, signals, memory.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -267,21 +266,53 @@ fn interrupted(arguments: &[&str], folder: &Path, signal: &str, after: Duration)
     assert_eq!(names(folder), before, "{arguments:?}");
 }
 
+/// A recipe "storm.toml" whose bake takes minutes, and its cloud of so many cells.
+#[cfg(unix)]
+fn long_bake(folder: &Path, cells: &str) {
+    let storm = folder.join("storm");
+    assert!(squall(&[&"synth", &"cloud", &"-o", &storm, &"--cells", &cells]).status.success());
+    let text = "[clouds]\nscene = \"storm.json\"\n[clouds.lightning]\nspacing_m = 4000.0\n[clouds.response]\nchannels = \
+                \"harmonics-3\"\ncodec = \"bytes\"\ndirect = \"run-time\"\nerror = 0.1\ntest_strokes = 2\n";
+    std::fs::write(folder.join("storm.toml"), text).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_bake_says_where_what_it_solved_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    long_bake(folder.path(), "48x48x16");
+    let bake = |command: &mut Command| {
+        command.args(["bake", "storm.toml", "-o", "new.squall"]).current_dir(folder.path());
+        command.stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let mut child = bake(&mut Command::new(SQUALL));
+    let kept = folder.path().join(".squall-cache");
+    while !kept.read_dir().is_ok_and(|mut rows| rows.any(|row| row.is_ok())) {
+        assert!(child.try_wait().unwrap().is_none(), "done before anything was kept");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // The first row is there whole, or about to be.
+    std::thread::sleep(Duration::from_millis(100));
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", words(&output));
+    let wanted = "note: ./.squall-cache keeps what was solved, for the next bake\nsquall: interrupted; nothing was written\n";
+    assert_eq!(words(&output), wanted);
+    assert_eq!(names(folder.path()), [".squall-cache", "storm.f32", "storm.json", "storm.toml"]);
+}
+
 #[cfg(unix)]
 #[test]
 fn every_command_stops_at_once_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let storm = folder.path().join("storm");
-    assert!(squall(&[&"synth", &"cloud", &"-o", &storm, &"--cells", &"96x96x32"]).status.success());
+    long_bake(folder.path(), "96x96x32");
     assert!(squall(&[&"bake", &golden(), &"-o", &folder.path().join("a.squall")]).status.success());
-    let mut recipe = std::fs::File::create(folder.path().join("storm.toml")).unwrap();
-    let text = "[clouds]\nscene = \"storm.json\"\n[clouds.lightning]\nspacing_m = 4000.0\n[clouds.response]\nchannels = \
-                \"harmonics-3\"\ncodec = \"bytes\"\ndirect = \"run-time\"\nerror = 0.1\ntest_strokes = 2\n";
-    recipe.write_all(text.as_bytes()).unwrap();
     let light = lamp(&folder.path().join("storm.json"));
     let second = Duration::from_secs(1);
-    interrupted(&["bake", "storm.toml", "-o", "new.squall"], folder.path(), "-INT", second);
-    interrupted(&["bake", "storm.toml", "-o", "new.squall"], folder.path(), "-TERM", 3 * second);
+    // Whatever a fast machine has solved by then would be kept, which the next test is about.
+    let bake = ["bake", "storm.toml", "-o", "new.squall", "--no-cache"];
+    interrupted(&bake, folder.path(), "-INT", second);
+    interrupted(&bake, folder.path(), "-TERM", 3 * second);
     let solve = ["solve", "storm.json", "--lamp", &light, "-o", "new/folder", "--refine", "2"];
     interrupted(&solve, folder.path(), "-HUP", second);
     let photons = [&solve[..6], &["--method", "monte-carlo", "--samples", "1000000000"]].concat();

@@ -86,6 +86,12 @@ pub fn set_note(note: Option<String>) {
     lock().note = note;
 }
 
+/// Takes note of a folder that keeps what was solved, unless another sentence is there already.
+pub fn note_kept(folder: &Path) {
+    let words = || format!("{} keeps what was solved, for the next bake", folder.display());
+    lock().note.get_or_insert_with(words);
+}
+
 /// The sentence of [`set_note`].
 pub fn note() -> Option<String> {
     lock().note.clone()

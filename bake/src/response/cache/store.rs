@@ -1,6 +1,6 @@
 //! Blobs by key in a folder that several processes share: whole or not there, bounded in size, deleted without harm.
 
-use crate::output::write_scratch;
+use crate::output::{pending, write_scratch};
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -106,6 +106,7 @@ impl Store {
             done => done?,
         }
         self.state().written.push(path);
+        pending::note_kept(&self.folder);
         Ok(())
     }
 
