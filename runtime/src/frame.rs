@@ -94,7 +94,7 @@ pub struct FrameQuality {
 impl Default for FrameQuality {
     /// A still picture's.
     fn default() -> Self {
-        Self { town: Quality { samples: 2, facets: 3 }, rays: DirectRays::STILL }
+        Self { town: Quality::STILL, rays: DirectRays::STILL }
     }
 }
 
