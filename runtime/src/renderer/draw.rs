@@ -115,7 +115,14 @@ impl Scene {
         let field = self.rain_place.field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
-        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        let mut wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        if self.town.is_some() && self.rain_place.map_of(frame).is_some() {
+            let pieces = |flash: &LitStroke| {
+                let points = flash.lights.points.iter().map(|point| point.position);
+                points.chain(flash.lights.images.centres()).collect::<Vec<_>>()
+            };
+            wet = wet.tabulated(eye, flashes.iter().flat_map(pieces));
+        }
         if let Some(surrounding) = &surrounding {
             self.render_town(
                 (frame, sky),

@@ -216,7 +216,7 @@ impl Town {
             for light in lights {
                 let own = irradiance(light, hit.point, hit.normal);
                 if own.iter().any(|&v| v > 0.0) && !self.is_blocked(start, light.position) {
-                    add(sum, lighting.rain.left(start, light.position), own);
+                    add(sum, lighting.rain.left_far(start, light.position), own);
                 }
             }
         };
@@ -348,7 +348,7 @@ impl Town {
         let is_lost = |share: f32, light: [f32; 3], sum: &[f32; 3]| {
             (0..3).all(|band| share * light[band] <= HALF_A_DIGIT * sum[band])
         };
-        let shown = |sum: &mut [f32; 3], light: &LineLight| {
+        let shown = |sum: &mut [f32; 3], light: &LineLight, centre: Vec3| {
             let bright = light.highlight(hit.point, hit.normal, to_viewer, slope);
             let share = mirror.points * bright * light.visibility;
             if is_lost(share, light.intensity, sum) {
@@ -357,12 +357,12 @@ impl Town {
             let middle = light.middle();
             let faint = faint(share, light.intensity[1], sum);
             if share > 0.0 && (faint || !self.is_blocked(start, middle)) {
-                add(sum, share * lighting.rain.left(start, middle), light.intensity);
+                add(sum, share * lighting.rain.left_far(start, centre), light.intensity);
             }
         };
         let shown_of = |images: &'_ Images, sum: &mut [f32; 3]| {
             let lines = images.shown_at(hit.point, hit.normal, to_viewer, slope);
-            lines.for_each(|light| shown(sum, light));
+            lines.for_each(|(light, centre)| shown(sum, light, centre));
         };
         shown_of(lighting.images, &mut sum.base);
         // Measured against the stroke's own light, what is faint is so at any brightness.

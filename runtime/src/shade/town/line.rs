@@ -56,17 +56,22 @@ impl Images {
     /// No lines.
     pub const NONE: &'static Self = &Self { lines: Vec::new(), balls: Vec::new() };
 
-    /// The lines, in their order, but for those that certainly have no image at `point`.
+    /// Middles of the balls around the lines: places that stand for those of all lines in them.
+    pub fn centres(&self) -> impl Iterator<Item = Vec3> {
+        self.balls.iter().map(|ball| ball.centre)
+    }
+
+    /// The lines, in their order, but for those that certainly have no image at `point`; each with the middle of the ball that it is in.
     pub(super) fn shown_at(
         &self,
         point: Vec3,
         normal: Vec3,
         to_viewer: Vec3,
         slope: f32,
-    ) -> impl Iterator<Item = &LineLight> {
+    ) -> impl Iterator<Item = (&LineLight, Vec3)> {
         let runs = self.lines.chunks(TOGETHER).zip(&self.balls);
         runs.filter(move |(_, ball)| !ball.has_no_image(point, normal, to_viewer, slope))
-            .flat_map(|(lines, _)| lines)
+            .flat_map(|(lines, ball)| lines.iter().map(|line| (line, ball.centre)))
     }
 }
 
@@ -107,7 +112,7 @@ impl Ball {
 }
 
 /// Steps as a share of the highlight's standard deviation.
-const STEP: f32 = 0.35;
+const STEP: f32 = 0.8;
 /// Steps per radian that the line covers.
 const ANGLE_STEPS: f32 = 16.0;
 /// Most steps of one line.
