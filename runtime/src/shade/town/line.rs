@@ -38,7 +38,19 @@ struct Ball {
 }
 
 impl From<Vec<LineLight>> for Images {
-    fn from(lines: Vec<LineLight>) -> Self {
+    /// Lines that together send less than [`FAINT`] of the light, those that stand deep in cloud, are left out.
+    fn from(mut lines: Vec<LineLight>) -> Self {
+        let light = |line: &LineLight| line.visibility * line.intensity.iter().sum::<f32>();
+        let mut sorted: Vec<f32> = lines.iter().map(light).collect();
+        sorted.sort_by(f32::total_cmp);
+        let most = FAINT * sorted.iter().sum::<f32>();
+        let mut sum = 0.0;
+        let brightest_left_out = sorted.iter().copied().take_while(|own| {
+            sum += own;
+            sum <= most
+        });
+        let least = brightest_left_out.fold(0.0, f32::max);
+        lines.retain(|line| light(line) > least);
         let balls = lines.chunks(TOGETHER).map(Ball::around).collect();
         Self { lines, balls }
     }
@@ -111,6 +123,8 @@ impl Ball {
     }
 }
 
+/// Share of a channel's light whose image is not missed.
+const FAINT: f32 = 1e-3;
 /// Steps as a share of the highlight's standard deviation.
 const STEP: f32 = 0.8;
 /// Steps per radian that the line covers.

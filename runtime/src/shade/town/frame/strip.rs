@@ -215,9 +215,9 @@ impl<'a, const N: usize> Strip<'a, N> {
         let around = self.around(x, y);
         let tolerance = if edge { f32::INFINITY } else { task.quality.tolerance };
         let on_surface = |node: &&Node<N>| same_surface(&seen.hit, &node.hit);
-        let least = if edge { 1e-6 } else { 0.999 };
+        let all = if edge { 1e-6 } else { 0.999 };
         // Weights of an edge's nodes count for how near they are, the node's own pixel most.
-        let mix = |of: &dyn Fn(&Node<N>) -> Option<Parts<N>>, tolerance: f32| {
+        let mix = |of: &dyn Fn(&Node<N>) -> Option<Parts<N>>, tolerance: f32, least: f32| {
             let (mut sum, mut weight) = (Parts::NONE, 0.0);
             let mut ends: Option<[Parts<N>; 2]> = None;
             for (node, share) in around {
@@ -238,13 +238,15 @@ impl<'a, const N: usize> Strip<'a, N> {
             whole.then(|| sum.each(|_, value| value / weight))
         };
         let irradiance =
-            mix(&|node| Some(node.irradiance), tolerance).unwrap_or_else(|| task.irradiance(seen));
+            mix(&|node| Some(node.irradiance), tolerance, all).unwrap_or_else(|| task.irradiance(seen));
         let pane = (surface.glass > 0.0)
-            .then(|| mix(&|node| node.pane, tolerance).unwrap_or_else(|| task.pane(seen)));
+            .then(|| mix(&|node| node.pane, tolerance, all).unwrap_or_else(|| task.pane(seen)));
         let mirrored = (surface.wet > 0.0).then(|| {
+            // Of rough water one node beside the pixel is enough: shores are many.
+            let some = all.min(0.2);
             let rough = |node: &Node<N>| node.mirrored.filter(|_| node.is_as_rough(surface));
-            let light = mix(&|node| rough(node).map(|(light, _)| light), f32::INFINITY);
-            let share = mix(&|node| rough(node).map(|(_, share)| Parts::of([share; 3])), f32::INFINITY);
+            let light = mix(&|node| rough(node).map(|(light, _)| light), f32::INFINITY, some);
+            let share = mix(&|node| rough(node).map(|(_, share)| Parts::of([share; 3])), f32::INFINITY, some);
             match (light, share) {
                 (Some(light), Some(share)) => (light, share.base[0]),
                 _ => task.mirrored(seen, surface),
