@@ -1,6 +1,5 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
-mod behind;
 mod channel;
 mod draw;
 mod halos;
@@ -14,7 +13,6 @@ mod town_rain;
 mod world;
 
 use crate::airlight::Airlight;
-pub use behind::SkyQuality;
 pub use layers::{Layer, LayerPixels};
 pub use times::{Clock, FrameTimes};
 
