@@ -75,6 +75,7 @@ pub mod place;
 pub mod rain;
 #[doc(hidden)]
 pub mod random;
+pub mod ranges;
 pub mod relight;
 pub mod renderer;
 pub mod shade;

@@ -76,6 +76,8 @@ mod rain_picture;
 #[cfg(test)]
 mod rain_place;
 #[cfg(test)]
+mod ranges;
+#[cfg(test)]
 mod scenery;
 #[cfg(test)]
 mod spec_growth;
