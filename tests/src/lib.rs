@@ -66,6 +66,8 @@ mod layering;
 #[cfg(test)]
 mod monte_carlo;
 #[cfg(test)]
+mod page;
+#[cfg(test)]
 mod place;
 #[cfg(test)]
 mod public_api;
