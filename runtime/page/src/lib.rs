@@ -112,7 +112,10 @@ impl Player {
         self.start(Asset::from_bytes(bytes)?)
     }
 
-    fn start(&mut self, asset: Asset) -> Result<(), RuntimeError> {
+    /// Starts with an asset that is open.
+    ///
+    /// Errors: a part that is there and damaged.
+    pub fn start(&mut self, asset: Asset) -> Result<(), RuntimeError> {
         let mut renderer = StormRenderer::new(asset)?;
         let view = match renderer.frame() {
             Some(frame) => frame,
