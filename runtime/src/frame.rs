@@ -9,13 +9,14 @@ pub use flash::{Flash, FlashStroke};
 pub use thunder::{SPEED_OF_SOUND, Thunder};
 
 use crate::camera::{Camera, Projection};
-use crate::clouds::STILL_RAYS;
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
+use crate::renderer::SkyQuality;
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
+use crate::single_scatter::DirectRays;
 use crate::tone::{Tone, glow::Glow};
 use glam::{DVec2, DVec3};
 use squall_formats::section::view::{
@@ -87,14 +88,24 @@ impl Default for Streaks {
 pub struct FrameQuality {
     /// Samples of the town within a pixel, and of its mirrors.
     pub town: Quality,
-    /// Rays from each point of a stroke for its direct light.
-    pub rays_per_point: u32,
+    /// Rays of each stroke's direct light.
+    pub rays: DirectRays,
+    /// How closely sky and cloud are looked at.
+    pub sky: SkyQuality,
+}
+
+impl FrameQuality {
+    /// A still picture's.
+    pub const STILL: Self = Self { town: Quality::STILL, rays: DirectRays::STILL, sky: SkyQuality::STILL };
+    /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
+    pub const PREVIEW: Self =
+        Self { town: Quality::PREVIEW, rays: DirectRays::PREVIEW, sky: SkyQuality::PREVIEW };
 }
 
 impl Default for FrameQuality {
     /// A still picture's.
     fn default() -> Self {
-        Self { town: Quality { samples: 2, facets: 3 }, rays_per_point: STILL_RAYS }
+        Self::STILL
     }
 }
 
