@@ -4,22 +4,22 @@
 //! A streak is laid straight over the picture and into the mask: what it costs is its covered pixels and its visits to tiles. A
 //! tile's part of both fits a core's second cache, and a streak of a hundred pixels meets two or three.
 
-use super::kernel::{Clip, Footprint, Kernel, Span};
+mod lay;
+
+use super::kernel::{Clip, Footprint, Kernel, Ribbon};
 use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
+use lay::Under;
 use std::any::Any;
 
 /// Tile width and height, px: 16 bytes a pixel of picture and mask, an eighth of a megabyte.
 const TILE: [usize; 2] = [128, 64];
 /// Pixels of 12 bytes in a line of the cache.
 const PER_LINE: usize = 5;
-/// Pixels that are worked on together, one vector register wide; drawn spans are padded to whole blocks.
-const BLOCK: usize = 4;
-const LANES: [f32; BLOCK] = [0.0, 1.0, 2.0, 3.0];
 /// Pixels whose depth is looked at together.
 const SEEN: usize = 64;
 
@@ -43,8 +43,8 @@ pub(super) struct Canvas {
     /// Where each tile's streaks start in `order`; one more than there are tiles.
     starts: Vec<u32>,
     order: Vec<u32>,
-    /// The kernel's working memory, one for each band: whatever type the last kernel had.
-    bands: Vec<Box<dyn Any + Send + Sync>>,
+    /// Working memory, one for each band.
+    bands: Vec<Band>,
     /// What the last kernel made of each streak, of a type of its own too, and its bytes.
     placed: Box<dyn Any + Send + Sync>,
     placed_bytes: usize,
@@ -63,6 +63,20 @@ impl Default for Canvas {
             placed_bytes: 0,
             mask: Vec::new(),
         }
+    }
+}
+
+/// Working memory of a band.
+#[derive(Debug)]
+struct Band {
+    /// The kernel's own: whatever type the last kernel had.
+    scratch: Box<dyn Any + Send + Sync>,
+    ribbon: Ribbon,
+}
+
+impl Default for Band {
+    fn default() -> Self {
+        Self { scratch: Box::new(()), ribbon: Ribbon::default() }
     }
 }
 
@@ -141,7 +155,7 @@ impl Canvas {
         let mut placed = kept.downcast::<Vec<K::Placed>>().unwrap_or_default();
         self.prepare(camera, scene, streaks, grid, &mut placed);
         self.sort_into_tiles(grid);
-        self.bands.resize_with(grid[1].max(self.bands.len()), || Box::new(K::Scratch::default()));
+        self.bands.resize_with(grid[1].max(self.bands.len()), Band::default);
         let width = picture.width;
         self.mask.resize(width * picture.height, 0.0);
 
@@ -149,14 +163,15 @@ impl Canvas {
         let list = TileList { streaks, placed: &placed, radiance, starts, order };
         let rows = width * TILE[1];
         let secants = camera.secants();
-        let paint = |(index, ((scratch, pixels), mask)): Job| {
+        let paint = |(index, ((band, pixels), mask)): Job| {
+            let Band { scratch, ribbon } = band;
             if !scratch.is::<K::Scratch>() {
                 *scratch = Box::new(K::Scratch::default());
             }
             let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
             let top = index * TILE[1];
             let height = pixels.len() / width;
-            let mut brush = Brush { scratch, secants: &secants, scene, width, top, pixels, mask };
+            let mut brush = Brush { scratch, ribbon, secants: &secants, scene, width, top, pixels, mask };
             for column in 0..grid[0] {
                 let (left, right) = (column * TILE[0], width.min((column + 1) * TILE[0]));
                 // Pictures have at most 2²⁸ pixels.
@@ -174,7 +189,7 @@ impl Canvas {
 }
 
 /// A band's number, its working memory, its pixels and its part of the mask.
-type Job<'a> = (usize, ((&'a mut Box<dyn Any + Send + Sync>, &'a mut [[f32; 3]]), &'a mut [f32]));
+type Job<'a> = (usize, ((&'a mut Band, &'a mut [[f32; 3]]), &'a mut [f32]));
 
 /// Streaks with their light, and who is in which tile.
 struct TileList<'a, P> {
@@ -196,7 +211,8 @@ impl Canvas {
         self.radiance.capacity() * size_of::<[f32; 3]>()
             + self.boxes.capacity() * size_of::<TileBox>()
             + (self.starts.capacity() + self.order.capacity() + self.mask.capacity()) * 4
-            + self.bands.capacity() * size_of::<Box<dyn Any + Send + Sync>>()
+            + self.bands.capacity() * size_of::<Band>()
+            + self.bands.iter().map(|band| band.ribbon.bytes()).sum::<usize>()
             + self.placed_bytes
     }
 
@@ -265,6 +281,7 @@ type Prepare<'a, P> = (((&'a mut [f32; 3], &'a mut TileBox), &'a mut P), &'a Str
 /// What paints one band, tile by tile.
 struct Brush<'a, K: Kernel, L> {
     scratch: &'a mut K::Scratch,
+    ribbon: &'a mut Ribbon,
     secants: &'a Secants,
     scene: &'a Scene<'a, K, L>,
     /// Pixels of a row, and the band's first row.
@@ -290,135 +307,75 @@ impl<K: Kernel, L> Brush<'_, K, L> {
     }
 
     fn paint_tile(&mut self, list: &TileList<K::Placed>, mine: &[u32], clip: Clip) {
-        let Self { scratch, secants, scene, width, top, pixels, mask } = self;
         for &index in mine {
-            let streak = &list.streaks[index as usize];
-            let placed = &list.placed[index as usize];
-            let radiance = list.radiance[index as usize];
-            let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            let at = |span: &Span| (span.y as usize - *top) * *width + span.x as usize;
-            match &scene.depth {
-                None => scene.kernel.draw(placed, clip, scratch, &mut |span| {
-                    let from = at(&span);
-                    lay(
-                        (&mut pixels[from..], &mut mask[from..]),
-                        span.count,
-                        span.shares,
-                        strength,
-                        radiance,
-                    );
-                }),
-                Some(buffer) => {
-                    let line = DepthLine::new(streak, &streak.footprint());
-                    scene.kernel.draw(placed, clip, scratch, &mut |span| {
-                        let from = at(&span);
-                        for start in (0..span.count).step_by(SEEN) {
-                            let count = (span.count - start).min(SEEN);
-                            let mut seen = [0.0; SEEN];
-                            for (i, (seen, &share)) in
-                                seen.iter_mut().zip(&span.shares[start..]).take(count).enumerate()
-                            {
-                                let (x, y) = (span.x as usize + start + i, span.y as usize);
-                                if share > 0.0 && !line.hidden(secants, buffer, x, y) {
-                                    *seen = share;
-                                }
-                            }
-                            let under = (&mut pixels[from + start..], &mut mask[from + start..]);
-                            lay(under, count, &seen, strength, radiance);
-                        }
-                    });
+            let index = index as usize;
+            let streak = &list.streaks[index];
+            let colour = list.radiance[index];
+            let placed = &list.placed[index];
+            let strength = (f64::from(streak.coverage) * self.scene.gain) as f32;
+            let Self { scratch, ribbon, scene, .. } = self;
+            if scene.kernel.ribbon(placed, clip, scratch, ribbon) {
+                if scene.depth.is_some() {
+                    self.hide(streak, clip);
+                }
+                let mut under = Under { pixels: self.pixels, mask: self.mask, width: self.width, top: self.top };
+                under.lay_ribbon(self.ribbon, clip, strength, colour);
+            } else {
+                self.paint_spans(streak, placed, clip, (strength, colour));
+            }
+        }
+    }
+
+    /// A streak whose kernel hands on spans.
+    fn paint_spans(
+        &mut self,
+        streak: &Streak,
+        placed: &K::Placed,
+        clip: Clip,
+        (strength, colour): (f32, [f32; 3]),
+    ) {
+        let Self { scratch, secants, scene, width, top, pixels, mask, .. } = self;
+        let mut under = Under { pixels, mask, width: *width, top: *top };
+        let Some(buffer) = &scene.depth else {
+            return scene.kernel.draw(placed, clip, scratch, &mut |span| {
+                under.lay_span([span.x, span.y], span.count, span.shares, (strength, colour));
+            });
+        };
+        let line = DepthLine::new(streak, &streak.footprint());
+        scene.kernel.draw(placed, clip, scratch, &mut |span| {
+            for start in (0..span.count).step_by(SEEN) {
+                let count = (span.count - start).min(SEEN);
+                let mut seen = [0.0; SEEN];
+                let shares = seen.iter_mut().zip(&span.shares[start..]).take(count);
+                for (i, (seen, &share)) in shares.enumerate() {
+                    let (x, y) = (span.x as usize + start + i, span.y as usize);
+                    if share > 0.0 && !line.hidden(secants, buffer, x, y) {
+                        *seen = share;
+                    }
+                }
+                under.lay_span([span.x + start as i32, span.y], count, &seen, (strength, colour));
+            }
+        });
+    }
+
+    /// Takes from the ribbon what the scene hides.
+    fn hide(&mut self, streak: &Streak, clip: Clip) {
+        let Some(buffer) = &self.scene.depth else { return };
+        let depth = DepthLine::new(streak, &streak.footprint());
+        let [low, high] = if self.ribbon.columns { [clip.top, clip.bottom] } else { [clip.left, clip.right] };
+        let Ribbon { columns, line, blocks, first, shares } = &mut *self.ribbon;
+        let numbered = (*line..).zip(first.iter());
+        for ((line, &first), shares) in numbered.zip(shares.chunks_exact_mut((*blocks).max(1))) {
+            for (place, share) in (first..).zip(shares.as_flattened_mut()) {
+                if place >= low && place < high && *share > 0.0 {
+                    let [x, y] = if *columns { [line, place] } else { [place, line] };
+                    if depth.hidden(self.secants, buffer, x as usize, y as usize) {
+                        *share = 0.0;
+                    }
                 }
             }
         }
     }
-}
-
-/// Lays the first `count` shares of a span over the pixels and the mask that begin where it does.
-///
-/// Most spans are one block. Longer ones go elsewhere, so that the compiler does not set up a loop over many
-/// blocks for each of them.
-#[inline(always)]
-fn lay(
-    under: (&mut [[f32; 3]], &mut [f32]),
-    count: usize,
-    shares: &[f32],
-    strength: f32,
-    radiance: [f32; 3],
-) {
-    let (pixels, mask) = under;
-    lay_block(pixels, mask, count, shares, strength, radiance);
-    if count > BLOCK {
-        lay_more(pixels, mask, count, shares, strength, radiance);
-    }
-}
-
-#[inline(never)]
-fn lay_more(
-    pixels: &mut [[f32; 3]],
-    mask: &mut [f32],
-    count: usize,
-    shares: &[f32],
-    strength: f32,
-    radiance: [f32; 3],
-) {
-    for start in (BLOCK..count).step_by(BLOCK) {
-        let rest = shares.get(start..).unwrap_or_default();
-        lay_block(&mut pixels[start..], &mut mask[start..], count - start, rest, strength, radiance);
-    }
-}
-
-#[inline(always)]
-fn lay_block(
-    pixels: &mut [[f32; 3]],
-    mask: &mut [f32],
-    count: usize,
-    shares: &[f32],
-    strength: f32,
-    radiance: [f32; 3],
-) {
-    let Some(shares) = shares.first_chunk::<BLOCK>() else { return };
-    let left = count as u32 as f32;
-    let mut alpha = [0.0; BLOCK];
-    for lane in 0..BLOCK {
-        // A kernel's NaN fails the comparison and draws nothing; so does what pads the block.
-        let value = strength * shares[lane];
-        let value = if value > 0.0 { value } else { 0.0 };
-        let value = if value < 1.0 { value } else { 1.0 };
-        alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
-    }
-    // With a coverage of 0 a pixel stays what it is, infinite or not: whole blocks are safe where there is room.
-    let whole = pixels.as_flattened_mut().first_chunk_mut::<{ 3 * BLOCK }>();
-    match (whole, mask.first_chunk_mut::<BLOCK>()) {
-        (Some(light), Some(mask)) => {
-            // Four pixels of three colours are three registers, whose lanes belong to these pixels and colours.
-            let [r, g, b] = radiance;
-            let [a0, a1, a2, a3] = alpha;
-            let covers = [[a0, a0, a0, a1], [a1, a1, a2, a2], [a2, a3, a3, a3]];
-            let colours = [[r, g, b, r], [g, b, r, g], [b, r, g, b]];
-            let (registers, _) = light.as_chunks_mut::<BLOCK>();
-            for ((light, cover), colour) in registers.iter_mut().zip(covers).zip(colours) {
-                for lane in 0..BLOCK {
-                    light[lane] = light[lane] * (1.0 - cover[lane]) + cover[lane] * colour[lane];
-                }
-            }
-            for lane in 0..BLOCK {
-                mask[lane] = mask[lane] * (1.0 - alpha[lane]) + alpha[lane];
-            }
-        }
-        _ => {
-            let under = pixels.iter_mut().zip(mask).take(count);
-            under.zip(alpha).for_each(|((pixel, mask), alpha)| over(pixel, mask, alpha, radiance));
-        }
-    }
-}
-
-#[inline(always)]
-fn over(pixel: &mut [f32; 3], mask: &mut f32, alpha: f32, radiance: [f32; 3]) {
-    let keep = 1.0 - alpha;
-    for colour in 0..3 {
-        pixel[colour] = pixel[colour] * keep + alpha * radiance[colour];
-    }
-    *mask = *mask * keep + alpha;
 }
 
 /// Inverse depth along a streak: linear in the picture.
