@@ -40,11 +40,11 @@ impl Kernel for StreakSet {
     fn place(&self, footprint: &Footprint) -> Option<(Clip, PlacedPattern)> {
         let Some(kernel) = self.of_footprint(footprint) else {
             let (clip, plain) = SmoothWindow.place(footprint)?;
-            return Some((clip, PlacedPattern { plain: Some(plain), ..PlacedPattern::default() }));
+            return Some((clip, PlacedPattern::Plain(plain)));
         };
         let streak = self.placed(&kernel)?;
         let [left, top, right, bottom] = streak.bounds;
-        Some((Clip { left, top, right, bottom }, PlacedPattern { streak, plain: None }))
+        Some((Clip { left, top, right, bottom }, PlacedPattern::Streak(streak)))
     }
 
     fn draw(
@@ -54,19 +54,20 @@ impl Kernel for StreakSet {
         scratch: &mut PatternScratch,
         put: &mut impl FnMut(Span),
     ) {
-        if let Some(plain) = &placed.plain {
-            return SmoothWindow.draw(plain, clip, &mut (), put);
-        }
-        let [left, top, right, bottom] = placed.streak.bounds;
+        let streak = match placed {
+            PlacedPattern::Plain(plain) => return SmoothWindow.draw(plain, clip, &mut (), put),
+            PlacedPattern::Streak(streak) => streak,
+        };
+        let [left, top, right, bottom] = streak.bounds;
         let origin = [left.max(clip.left), top.max(clip.top)];
         let end = [right.min(clip.right), bottom.min(clip.bottom)];
         if end[0] <= origin[0] || end[1] <= origin[1] {
             return;
         }
-        if Self::in_rows(&placed.streak) {
-            self.draw_rows(&placed.streak, [origin, end], scratch, put);
+        if Self::in_rows(streak) {
+            self.draw_rows(streak, [origin, end], scratch, put);
         } else {
-            self.draw_patch(&placed.streak, origin, end, scratch, put);
+            self.draw_patch(streak, origin, end, scratch, put);
         }
     }
 
@@ -77,18 +78,27 @@ impl Kernel for StreakSet {
         scratch: &mut PatternScratch,
         ribbon: &mut Ribbon,
     ) -> bool {
-        let [left, top, right, bottom] = placed.streak.bounds;
+        let PlacedPattern::Streak(streak) = placed else { return false };
+        let [left, top, right, bottom] = streak.bounds;
         let columns = [left.max(clip.left), right.min(clip.right)];
         let rows = [top.max(clip.top), bottom.min(clip.bottom)];
-        placed.plain.is_none() && self.fill_ribbon(&placed.streak, [columns, rows], &mut scratch.streak, ribbon)
+        self.fill_ribbon(streak, [columns, rows], &mut scratch.streak, ribbon)
     }
 }
 
-/// A footprint's streak: a pattern's, or a plain one where there is no light.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PlacedPattern {
-    streak: streak::PlacedStreak,
-    plain: Option<Footprint>,
+/// A footprint's streak.
+#[derive(Clone, Copy, Debug)]
+pub enum PlacedPattern {
+    /// A pattern's.
+    Streak(streak::PlacedStreak),
+    /// A plain one, where no pattern has light or fits.
+    Plain(Footprint),
+}
+
+impl Default for PlacedPattern {
+    fn default() -> Self {
+        Self::Streak(streak::PlacedStreak::default())
+    }
 }
 
 impl StreakSet {

@@ -104,10 +104,25 @@ impl Scratch {
 /// A streak whose place is worked out.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PlacedStreak {
-    kernel: StreakPlacement,
-    thin: Option<ThinPlace>,
+    pattern: u32,
     /// Pixels that it may touch: left, top, right, bottom.
     pub(crate) bounds: [i32; 4],
+    form: Form,
+}
+
+/// How a streak is drawn.
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    /// Too thin to show what is across it.
+    Thin(ThinPlace),
+    /// Resolved.
+    Wide(StreakPlacement),
+}
+
+impl Default for Form {
+    fn default() -> Self {
+        Self::Wide(StreakPlacement::default())
+    }
 }
 
 /// A kernel's frame of reference.
@@ -198,8 +213,11 @@ impl StreakSet {
         let narrowest = (prepared.finest / PERIODS_PER_PIXEL).min(THIN_PICTURE_PX);
         let is_thin =
             kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX || pose.scale[0] < narrowest;
-        let thin = is_thin.then(|| prepared.thin.place(&pose, prepared.body.v));
-        Some(PlacedStreak { kernel: *kernel, thin, bounds: pose.bounds(prepared) })
+        let form = match is_thin {
+            true => Form::Thin(prepared.thin.place(&pose, prepared.body.v)),
+            false => Form::Wide(*kernel),
+        };
+        Some(PlacedStreak { pattern: kernel.pattern, form, bounds: pose.bounds(prepared) })
     }
 
     /// Fills `ribbon` with a thin streak's lines inside `clip`, rows or columns of the frame. Says whether the streak is one.
@@ -211,15 +229,15 @@ impl StreakSet {
         scratch: &mut Scratch,
         ribbon: &mut Ribbon,
     ) -> bool {
-        let Some(thin) = &placed.thin else { return false };
-        let Some(prepared) = self.prepared(placed.kernel.pattern) else { return false };
-        prepared.thin.fill(thin, clip[usize::from(!thin.level)], &mut scratch.mixed, ribbon);
+        let Form::Thin(thin) = &placed.form else { return false };
+        let Some(prepared) = self.prepared(placed.pattern) else { return false };
+        prepared.thin.fill(thin, clip, &mut scratch.mixed, ribbon);
         true
     }
 
     /// Whether a streak's lines are rows.
     pub(crate) fn in_rows(placed: &PlacedStreak) -> bool {
-        placed.thin.as_ref().is_some_and(|thin| !thin.level)
+        matches!(&placed.form, Form::Thin(thin) if !thin.level)
     }
 
     /// Adds a kernel's light to a tile: each pixel gains the pattern's mean over its square, times the weight.
@@ -234,7 +252,7 @@ impl StreakSet {
 
     /// [`StreakSet::add`] of a kernel that is ready.
     pub(crate) fn add_placed(&self, placed: &PlacedStreak, tile: &mut Tile, scratch: &mut Scratch) {
-        let PlacedStreak { kernel, bounds, thin } = placed;
+        let PlacedStreak { pattern, bounds, form } = placed;
         if tile.width == 0 {
             return;
         }
@@ -246,12 +264,15 @@ impl StreakSet {
         if clip.iter().any(|[low, high]| low >= high) {
             return;
         }
-        let Some(prepared) = self.prepared(kernel.pattern) else { return };
-        if let Some(thin) = thin {
-            let Scratch { mixed, ribbon, .. } = scratch;
-            prepared.thin.fill(thin, clip[usize::from(!thin.level)], mixed, ribbon);
-            return tile.add_ribbon(ribbon, clip);
-        }
+        let Some(prepared) = self.prepared(*pattern) else { return };
+        let kernel = match form {
+            Form::Wide(kernel) => kernel,
+            Form::Thin(thin) => {
+                let Scratch { mixed, ribbon, .. } = scratch;
+                prepared.thin.fill(thin, clip, mixed, ribbon);
+                return tile.add_ribbon(ribbon, clip);
+            }
+        };
         let Some(pose) = Pose::new(kernel, prepared) else { return };
         let across = prepared.range[0].map(|u| u * pose.scale[0]);
         let lines = Lines::new(&pose, across, clip);

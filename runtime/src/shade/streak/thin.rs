@@ -43,6 +43,8 @@ const FIRST_LENGTH_LOG2: f32 = -3.0;
 const STRETCHED_PX: f64 = 2.0;
 /// Gain along the streak over a line's pixels that is as good as none, px.
 const LEVEL: f32 = 0.25;
+/// The same over a block, px, within which light is linear at a streak's ends, which a pixel blurs.
+const GENTLE: f32 = 0.5;
 /// How far into the body its ends are soft, px at most.
 const ENDS_PX: f32 = 4.0;
 /// Lines whose places are worked out together.
@@ -56,12 +58,21 @@ type Block = [f32; BLOCK];
 /// A width's table across: for every node of a pixel and every product, the pixels of a line.
 #[derive(Clone, Debug)]
 struct Across {
-    /// Products that show.
+    /// Products that show, and blocks of a line.
     rank: usize,
+    blocks: usize,
     /// By node (one more than [`PHASES`]), then block of the line, then product: four pixels, the last padded.
     values: Vec<Block>,
-    /// The same with as many pixels as the next wider class has, where those are others.
+    /// The same with as many products and pixels as the next wider class has, where those are others.
     wider: Option<Vec<Block>>,
+}
+
+impl Across {
+    /// The table that is mixed with the next wider class's.
+    #[inline(always)]
+    fn as_wide(&self) -> &[Block] {
+        self.wider.as_ref().unwrap_or(&self.values)
+    }
 }
 
 /// A pattern in thin form.
@@ -197,12 +208,13 @@ impl Thin {
         }
     }
 
-    /// Fills `ribbon` with the lines of a kernel inside `clip` (first and end line). `mixed` is working memory.
-    pub fn fill(&self, place: &ThinPlace, lines: [i32; 2], mixed: &mut Vec<Block>, ribbon: &mut Ribbon) {
-        let blocks = blocks_of(half_of(place.class as usize + 1));
-        let low_rank = self.across[(place.class as usize + 1) * SHIFTS.len()].rank == LOW_RANK;
-        ribbon.begin(place.level, lines, blocks);
-        match low_rank {
+    /// Fills `ribbon` with the lines of a kernel that meet `clip`, columns and rows of the frame. `mixed` is working memory.
+    pub fn fill(&self, place: &ThinPlace, clip: [[i32; 2]; 2], mixed: &mut Vec<Block>, ribbon: &mut Ribbon) {
+        let wider = &self.across[(place.class as usize + 1) * SHIFTS.len()];
+        let blocks = wider.blocks;
+        let [lines, fast] = if place.level { clip } else { [clip[1], clip[0]] };
+        ribbon.begin(place.level, place.lines_within(lines, fast, blocks), blocks);
+        match wider.rank == LOW_RANK {
             true => registers::run(Fill::<LOW_RANK> { thin: self, place, blocks, mixed, ribbon }),
             false => registers::run(Fill::<RANK> { thin: self, place, blocks, mixed, ribbon }),
         }
@@ -211,36 +223,41 @@ impl Thin {
     /// The table of a place's own width and slant, seen in the direction of its lines: by node, block and product.
     #[inline(always)]
     fn mix<const K: usize>(&self, place: &ThinPlace, blocks: usize, mixed: &mut Vec<Block>) {
-        let tables = |slant: usize| {
-            let at = place.class as usize * SHIFTS.len() + slant;
-            let low = &self.across[at];
-            let high = &self.across[at + SHIFTS.len()].values;
-            low.wider.as_ref().unwrap_or(&low.values).chunks_exact(RANK).zip(high.chunks_exact(RANK))
-        };
-        mixed.resize((PHASES + 1) * blocks * K, [0.0; BLOCK]);
-        let between = |low: &Block, high: &Block| {
-            let low = Vec4::from_array(*low);
-            low + (Vec4::from_array(*high) - low) * place.share
-        };
-        let slant = place.slant as usize;
+        let at = place.class as usize * SHIFTS.len() + place.slant as usize;
+        let (narrow, wide) = (self.across[at].as_wide(), &self.across[at + SHIFTS.len()].values);
+        mixed.resize(wide.len(), [0.0; BLOCK]);
+        let out = mixed.as_flattened_mut();
+        for ((out, low), high) in out.iter_mut().zip(narrow.as_flattened()).zip(wide.as_flattened()) {
+            *out = low + (high - low) * place.share;
+        }
         if place.slant_share > 0.0 {
-            let each = mixed.chunks_exact_mut(K).zip(tables(slant)).zip(tables(slant + 1));
-            for ((out, (a, b)), (c, d)) in each {
-                for k in 0..K {
-                    let near = between(&a[k], &b[k]);
-                    out[k] = (near + (between(&c[k], &d[k]) - near) * place.slant_share).to_array();
-                }
-            }
-        } else {
-            for (out, (a, b)) in mixed.chunks_exact_mut(K).zip(tables(slant)) {
-                for k in 0..K {
-                    out[k] = between(&a[k], &b[k]).to_array();
-                }
+            let (narrow, wide) = (self.across[at + 1].as_wide(), &self.across[at + 1 + SHIFTS.len()].values);
+            for ((out, low), high) in out.iter_mut().zip(narrow.as_flattened()).zip(wide.as_flattened()) {
+                let slanted = low + (high - low) * place.share;
+                *out += (slanted - *out) * place.slant_share;
             }
         }
         if place.mirrored {
             mirror::<K>(mixed, blocks, 2 * half_of(place.class as usize + 1));
         }
+    }
+}
+
+impl ThinPlace {
+    /// Those of `lines` that may meet the pixels `fast`, with `blocks` to a line.
+    fn lines_within(&self, lines: [i32; 2], fast: [i32; 2], blocks: usize) -> [i32; 2] {
+        /// Below this, pixels a line, a streak meets them with all of its lines or next to none.
+        const UPRIGHT: f32 = 1e-2;
+        if self.lean.abs() < UPRIGHT {
+            return lines;
+        }
+        let reach = (blocks * BLOCK) as f32 + 1.0;
+        let ends = [fast[0] as f32 - reach, fast[1] as f32 + reach];
+        let [a, b] = ends.map(|end| (end - self.middle[0]) / self.lean + self.middle[1]);
+        // Casts saturate.
+        let (first, end) = (a.min(b) as i32, a.max(b) as i32);
+        let first = lines[0].max(first.saturating_sub(1));
+        [first, lines[1].min(end.saturating_add(2)).max(first)]
     }
 }
 
@@ -367,8 +384,9 @@ struct Along<'a> {
     weight: f32,
     /// Nodes from one pixel of a line to the next.
     step: f32,
-    /// Whether all pixels of a line are as good as at one place.
+    /// Whether all pixels of a line are as good as at one place, and whether light is linear over a block even at the ends.
     level: bool,
+    gentle: bool,
     /// Between these nodes light changes slowly over a block.
     inner: [f32; 2],
 }
@@ -383,6 +401,7 @@ impl<'a> Along<'a> {
             weight: place.weight,
             step: step * place.along_per_pixel,
             level: (step * (BLOCK * blocks) as f32).abs() < LEVEL,
+            gentle: (step * BLOCK as f32).abs() < GENTLE,
             inner: [node(place.inner[0] + reach), node(place.inner[1] - reach)],
         }
     }
@@ -428,7 +447,7 @@ impl Line<'_> {
                 continue;
             }
             let node = self.along + (block * BLOCK) as f32 * along.step;
-            *out = if node > along.inner[0] && node < along.inner[1] {
+            *out = if along.gentle || node > along.inner[0] && node < along.inner[1] {
                 let [values, gain] = along.at(node);
                 let factors = [values.to_array(), (gain * along.step).to_array()];
                 products::<K, true>(registers, (low, high), self.share, &factors)

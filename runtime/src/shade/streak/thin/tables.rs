@@ -109,39 +109,49 @@ fn between(nodes: &[f64], x: f64) -> f64 {
 
 /// Tables across of every width and shift. `energies` are the squares that the products hold along.
 pub(super) fn tabulate_across(profiles: &[Profile], energies: &[f64]) -> Vec<Across> {
+    let ranks: Vec<usize> = (0..WIDTHS).map(|class| rank_of(profiles, energies, class)).collect();
     let mut tables = Vec::with_capacity(WIDTHS * SHIFTS.len());
     for class in 0..WIDTHS {
+        let next = (class + 1).min(WIDTHS - 1);
+        let [own, wider] = [class, next].map(|class| (half_of(class), ranks[class]));
         for shift in SHIFTS {
-            let width = class_width(class);
-            let half = half_of(class);
-            let values = tabulate(profiles, (width, shift), half);
-            let next = half_of((class + 1).min(WIDTHS - 1));
-            let wider = (next != half).then(|| tabulate(profiles, (width, shift), next));
-            let mut squares = [0.0; RANK];
-            for (at, block) in values.iter().enumerate() {
-                squares[at % RANK] += block.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>();
-            }
-            let held = |from: usize| {
-                squares.iter().zip(energies).skip(from).map(|(across, along)| across * along).sum::<f64>()
-            };
-            let rank = if held(LOW_RANK) <= UNSEEN * held(0) { LOW_RANK } else { RANK };
-            tables.push(Across { rank, values, wider });
+            let table = |(half, rank)| tabulate(profiles, (class_width(class), shift), half, rank);
+            let wider = (wider != own).then(|| table(wider));
+            tables.push(Across { rank: own.1, blocks: blocks_of(own.0), values: table(own), wider });
         }
     }
     tables
 }
 
-/// Pixels of a line at every node: means over the shadow of a pixel on the line, a box of its own side and one of what the next lines
-/// shift the streak by.
-fn tabulate(profiles: &[Profile], (width, shift): (f64, f64), half: usize) -> Vec<[f32; BLOCK]> {
+/// Products of a width that show.
+fn rank_of(profiles: &[Profile], energies: &[f64], class: usize) -> usize {
+    let values = tabulate(profiles, (class_width(class), SHIFTS[0]), half_of(class), RANK);
+    let mut squares = [0.0; RANK];
+    for (at, block) in values.iter().enumerate() {
+        squares[at % RANK] += block.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>();
+    }
+    let held = |from: usize| {
+        squares.iter().zip(energies).skip(from).map(|(across, along)| across * along).sum::<f64>()
+    };
+    if held(LOW_RANK) <= UNSEEN * held(0) { LOW_RANK } else { RANK }
+}
+
+/// Pixels of a line at every node, of the first products: means over the shadow of a pixel on the line, a box of its own side and one
+/// of what the next lines shift the streak by.
+fn tabulate(
+    profiles: &[Profile],
+    (width, shift): (f64, f64),
+    half: usize,
+    rank: usize,
+) -> Vec<[f32; BLOCK]> {
     let blocks = blocks_of(half);
-    let mut values = vec![[0.0; BLOCK]; (PHASES + 1) * blocks * RANK];
+    let mut values = vec![[0.0; BLOCK]; (PHASES + 1) * blocks * rank];
     for node in 0..=PHASES {
-        for (k, profile) in profiles.iter().enumerate() {
+        for (k, profile) in profiles.iter().enumerate().take(rank) {
             for pixel in 0..2 * half {
                 let place = node as f64 / PHASES as f64 + pixel as f64 - half as f64 + 0.5 * width;
                 let value = profile.mean_over_pixel(place, width, [1.0, shift]) as f32;
-                values[(node * blocks + pixel / BLOCK) * RANK + k][pixel % BLOCK] = value;
+                values[(node * blocks + pixel / BLOCK) * rank + k][pixel % BLOCK] = value;
             }
         }
     }
