@@ -27,24 +27,29 @@ pub(crate) trait Work {
 
 /// Sums of products of four numbers side by side.
 pub(crate) trait Registers: Copy {
-    /// Σ (low + (high − low) · share) · (value + place · gain), two products of four numbers, `place` from −1.5 to 1.5. Gains are
-    /// left out unless `LEAN`.
-    fn two<const LEAN: bool>(
+    /// Σ (low + (high − low) · share) · (value + place · step · gain), two products of four numbers, `place` from −1.5 to 1.5.
+    /// `factors` are values and gains.
+    fn two(
         self,
         low: &[[f32; 4]; 2],
         high: &[[f32; 4]; 2],
         share: f32,
+        step: f32,
         factors: &[[f32; 4]; 2],
     ) -> [f32; 4];
 
     /// The same of four products: those of an even number and those of an odd one are summed apart.
-    fn four<const LEAN: bool>(
+    fn four(
         self,
         low: &[[f32; 4]; 4],
         high: &[[f32; 4]; 4],
         share: f32,
+        step: f32,
         factors: &[[f32; 4]; 2],
     ) -> [f32; 4];
+
+    /// Lays a colour, three times over and a fourth of it, with coverages `alpha` over four pixels and into their mask.
+    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], alpha: [f32; 4], colours: &[f32; 12]);
 }
 
 /// Places of four pixels from their middle.
@@ -77,47 +82,67 @@ pub(crate) struct Plain;
 
 impl Plain {
     #[inline(always)]
-    fn product<const LEAN: bool>(
-        low: &[f32; 4],
-        high: &[f32; 4],
-        share: f32,
+    fn product(
+        [low, high]: [&[f32; 4]; 2],
+        [share, step]: [f32; 2],
         factors: &[[f32; 4]; 2],
         k: usize,
     ) -> glam::Vec4 {
         use glam::Vec4;
         let low = Vec4::from_array(*low);
         let between = low + (Vec4::from_array(*high) - low) * share;
-        let mut factor = Vec4::splat(factors[0][k]);
-        if LEAN {
-            factor += Vec4::from_array(PLACES) * factors[1][k];
-        }
+        let factor = Vec4::splat(factors[0][k]) + (Vec4::from_array(PLACES) * step) * factors[1][k];
         between * factor
     }
 }
 
 impl Registers for Plain {
     #[inline(always)]
-    fn two<const LEAN: bool>(
+    fn two(
         self,
         low: &[[f32; 4]; 2],
         high: &[[f32; 4]; 2],
         share: f32,
+        step: f32,
         factors: &[[f32; 4]; 2],
     ) -> [f32; 4] {
-        let product = |k: usize| Self::product::<LEAN>(&low[k], &high[k], share, factors, k);
+        let product = |k: usize| Self::product([&low[k], &high[k]], [share, step], factors, k);
         (product(0) + product(1)).to_array()
     }
 
     #[inline(always)]
-    fn four<const LEAN: bool>(
+    fn four(
         self,
         low: &[[f32; 4]; 4],
         high: &[[f32; 4]; 4],
         share: f32,
+        step: f32,
         factors: &[[f32; 4]; 2],
     ) -> [f32; 4] {
-        let product = |k: usize| Self::product::<LEAN>(&low[k], &high[k], share, factors, k);
+        let product = |k: usize| Self::product([&low[k], &high[k]], [share, step], factors, k);
         ((product(0) + product(2)) + (product(1) + product(3))).to_array()
+    }
+
+    #[inline(always)]
+    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], [a, b, c, d]: [f32; 4], colours: &[f32; 12]) {
+        let covers = [[a, a, a, b], [b, b, c, c], [c, d, d, d]];
+        let (light, _) = light.as_chunks_mut::<4>();
+        let (colours, _) = colours.as_chunks::<4>();
+        for ((light, cover), colour) in light.iter_mut().zip(covers).zip(colours) {
+            Self::over(light, cover, colour);
+        }
+        Self::over(mask, [a, b, c, d], &[1.0; 4]);
+    }
+}
+
+impl Plain {
+    /// Four numbers that `cover` covers by `colour`.
+    #[inline(always)]
+    fn over(under: &mut [f32; 4], cover: [f32; 4], colour: &[f32; 4]) {
+        use glam::Vec4;
+        let cover = Vec4::from_array(cover);
+        let kept = Vec4::from_array(*under) * (Vec4::ONE - cover);
+        *under = (kept + cover * Vec4::from_array(*colour)).to_array();
     }
 }
 
@@ -144,48 +169,60 @@ mod wide {
 
     impl<S: Simd> Registers for Wide<S> {
         #[inline(always)]
-        fn two<const LEAN: bool>(
+        fn two(
             self,
             low: &[[f32; 4]; 2],
             high: &[[f32; 4]; 2],
             share: f32,
+            step: f32,
             factors: &[[f32; 4]; 2],
         ) -> [f32; 4] {
             let simd = self.0;
             let low = f32x8::from_slice(simd, low.as_flattened());
             let high = f32x8::from_slice(simd, high.as_flattened());
             let between = low + (high - low) * share;
-            let mut factor = pair(simd, factors[0][0], factors[0][1]);
-            if LEAN {
-                let places = f32x4::from_slice(simd, &PLACES);
-                factor = factor + simd.combine_f32x4(places, places) * pair(simd, factors[1][0], factors[1][1]);
-            }
+            let places = f32x4::from_slice(simd, &PLACES) * step;
+            let gains = simd.combine_f32x4(places, places) * pair(simd, factors[1][0], factors[1][1]);
+            let factor = pair(simd, factors[0][0], factors[0][1]) + gains;
             let (a, b) = simd.split_f32x8(between * factor);
             (a + b).into()
         }
 
         #[inline(always)]
-        fn four<const LEAN: bool>(
+        fn four(
             self,
             low: &[[f32; 4]; 4],
             high: &[[f32; 4]; 4],
             share: f32,
+            step: f32,
             factors: &[[f32; 4]; 2],
         ) -> [f32; 4] {
             let simd = self.0;
             let low = f32x16::from_slice(simd, low.as_flattened());
             let high = f32x16::from_slice(simd, high.as_flattened());
             let between = low + (high - low) * share;
-            let mut factor = all(simd, factors[0]);
-            if LEAN {
-                let places = f32x4::from_slice(simd, &PLACES);
-                let places = simd.combine_f32x4(places, places);
-                factor = factor + simd.combine_f32x8(places, places) * all(simd, factors[1]);
-            }
+            let places = f32x4::from_slice(simd, &PLACES) * step;
+            let places = simd.combine_f32x4(places, places);
+            let factor = all(simd, factors[0]) + simd.combine_f32x8(places, places) * all(simd, factors[1]);
             // Products 0 and 1 lie in one half, 2 and 3 in the other.
             let (front, back) = simd.split_f32x16(between * factor);
             let (a, b) = simd.split_f32x8(front + back);
             (a + b).into()
+        }
+
+        #[inline(always)]
+        fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], [a, b, c, d]: [f32; 4], colours: &[f32; 12]) {
+            let simd = self.0;
+            let first = f32x8::from_slice(simd, &[a, a, a, b, b, b, c, c]);
+            let last = f32x4::from_slice(simd, &[c, d, d, d]);
+            let alpha = f32x4::from_slice(simd, &[a, b, c, d]);
+            let (one, ones) = (f32x4::splat(simd, 1.0), f32x8::splat(simd, 1.0));
+            let (near, far) = light.split_at_mut(8);
+            let lit = f32x8::from_slice(simd, near) * (ones - first);
+            (lit + first * f32x8::from_slice(simd, &colours[..8])).store_slice(near);
+            let lit = f32x4::from_slice(simd, far) * (one - last);
+            (lit + last * f32x4::from_slice(simd, &colours[8..])).store_slice(far);
+            (f32x4::from_slice(simd, mask) * (one - alpha) + alpha).store_slice(mask);
         }
     }
 }

@@ -114,7 +114,12 @@ pub trait Kernel: Sync {
         put: &mut impl FnMut(Span),
     );
 
-    /// The same where a footprint's part inside `clip` is lines of one length: fills `ribbon` and answers true, or answers false and is
+    /// Whether [`Kernel::place`] looks at a footprint's line of sight and light, which cost some to work out.
+    fn sees_light(&self) -> bool {
+        true
+    }
+
+    /// [`Kernel::draw`] where a footprint's part inside `clip` is lines of one length: fills `ribbon` and answers true, or answers false and is
     /// asked to [`Kernel::draw`]. What lies outside the clip is not read.
     fn ribbon(
         &self,

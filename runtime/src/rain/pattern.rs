@@ -71,6 +71,10 @@ impl Kernel for StreakSet {
         }
     }
 
+    fn sees_light(&self) -> bool {
+        self.choice().is_some()
+    }
+
     fn ribbon(
         &self,
         placed: &PlacedPattern,

@@ -274,16 +274,19 @@ impl Canvas {
         self.boxes.resize(streaks.len(), NOWHERE);
         ready.resize(streaks.len(), Ready::default());
         let secants = camera.secants();
+        let sees_light = scene.kernel.sees_light();
         let prepare = |((ready, tiles), streak): Prepare<K::Placed>| {
             let mut footprint = streak.footprint();
             *tiles = NOWHERE;
             let ray = camera.ray_with(&secants, footprint.centre[0], footprint.centre[1]);
             let distance = f64::from(streak.depth) / ray.direction.dot(camera.forward);
-            footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
-            footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
-                let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
-                [light.share, libm::acos(cosine).to_degrees()]
-            });
+            if sees_light {
+                footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
+                footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
+                    let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
+                    [light.share, libm::acos(cosine).to_degrees()]
+                });
+            }
             let Some((clip, placed)) = scene.kernel.place(&footprint) else { return };
             *tiles = tiles_of(clip, grid);
             let strength = (f64::from(streak.coverage) * scene.gain) as f32;

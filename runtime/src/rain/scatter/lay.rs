@@ -1,8 +1,8 @@
 //! Lays a streak's shares over pixels and into the mask, four pixels at a time.
 
 use crate::rain::kernel::{BLOCK, Clip, Ribbon};
-use crate::registers::in_registers;
-use glam::{Vec4, Vec4Swizzles};
+use crate::registers::{self, Plain, Registers, Work};
+use glam::Vec4;
 
 /// A band of the picture and of its mask.
 pub(super) struct Under<'a> {
@@ -20,27 +20,48 @@ fn alpha_of(shares: &[f32; BLOCK], strength: f32) -> Vec4 {
     Vec4::select(value.cmpgt(Vec4::ZERO), value, Vec4::ZERO).min(Vec4::ONE)
 }
 
-/// A colour as three registers see it that hold four pixels.
+/// A colour, four times over.
 #[inline(always)]
-fn spread([r, g, b]: [f32; 3]) -> [Vec4; 3] {
-    [Vec4::new(r, g, b, r), Vec4::new(g, b, r, g), Vec4::new(b, r, g, b)]
+fn spread([r, g, b]: [f32; 3]) -> [f32; 12] {
+    [r, g, b, r, g, b, r, g, b, r, g, b]
+}
+
+/// The laying of a ribbon.
+struct Lay<'a, 'b> {
+    under: &'a mut Under<'b>,
+    ribbon: &'a Ribbon,
+    clip: Clip,
+    strength: f32,
+    colour: [f32; 3],
+}
+
+impl Work for Lay<'_, '_> {
+    #[inline(always)]
+    fn run<R: Registers>(self, registers: R) {
+        let Self { under, ribbon, clip, strength, colour } = self;
+        if ribbon.columns {
+            under.lay_columns(ribbon, clip, strength, colour);
+        } else {
+            under.lay_rows(registers, ribbon, clip, (strength, colour));
+        }
+    }
 }
 
 impl Under<'_> {
     /// Lays a ribbon's part inside `clip`.
     pub fn lay_ribbon(&mut self, ribbon: &Ribbon, clip: Clip, strength: f32, colour: [f32; 3]) {
-        in_registers(
-            #[inline(always)]
-            || match ribbon.columns {
-                true => self.lay_columns(ribbon, clip, strength, colour),
-                false => self.lay_rows(ribbon, clip, strength, colour),
-            },
-        );
+        registers::run(Lay { under: self, ribbon, clip, strength, colour });
     }
 
     /// [`Under::lay_ribbon`] of lines that are rows.
     #[inline(always)]
-    fn lay_rows(&mut self, ribbon: &Ribbon, clip: Clip, strength: f32, colour: [f32; 3]) {
+    fn lay_rows(
+        &mut self,
+        registers: impl Registers,
+        ribbon: &Ribbon,
+        clip: Clip,
+        (strength, colour): (f32, [f32; 3]),
+    ) {
         let count = (ribbon.blocks * BLOCK) as i32;
         let colours = spread(colour);
         for (y, first, shares) in ribbon.lines() {
@@ -51,7 +72,7 @@ impl Under<'_> {
             if first >= clip.left && end <= clip.right {
                 let at = (y as usize - self.top) * self.width + first as usize;
                 for (block, shares) in shares.iter().enumerate() {
-                    self.lay_block(at + block * BLOCK, alpha_of(shares, strength), &colours);
+                    self.lay_block(registers, at + block * BLOCK, alpha_of(shares, strength), &colours);
                 }
             } else if end > clip.left && first < clip.right {
                 let (from, to) = (first.max(clip.left), end.min(clip.right));
@@ -95,7 +116,7 @@ impl Under<'_> {
         let colours = spread(colour);
         let whole = count / BLOCK;
         for (block, shares) in blocks[..whole].iter().enumerate() {
-            self.lay_block(at + block * BLOCK, alpha_of(shares, strength), &colours);
+            self.lay_block(Plain, at + block * BLOCK, alpha_of(shares, strength), &colours);
         }
         if let Some(shares) = blocks.get(whole) {
             let alpha = alpha_of(shares, strength).to_array();
@@ -107,19 +128,13 @@ impl Under<'_> {
 
     /// Four pixels of a row from `at` on.
     #[inline(always)]
-    fn lay_block(&mut self, at: usize, alpha: Vec4, colours: &[Vec4; 3]) {
+    fn lay_block(&mut self, registers: impl Registers, at: usize, alpha: Vec4, colours: &[f32; 12]) {
         let pixels = self.pixels.get_mut(at..).and_then(<[[f32; 3]]>::first_chunk_mut::<BLOCK>);
         let mask = self.mask.get_mut(at..).and_then(<[f32]>::first_chunk_mut::<BLOCK>);
         let (Some(pixels), Some(mask)) = (pixels, mask) else { return };
-        let keep = Vec4::ONE - alpha;
-        // Four pixels of three colours are three registers, whose lanes belong to these pixels.
-        let covers = [alpha.xxxy(), alpha.yyzz(), alpha.zwww()];
-        let keeps = [keep.xxxy(), keep.yyzz(), keep.zwww()];
-        let (registers, _) = pixels.as_flattened_mut().as_chunks_mut::<BLOCK>();
-        for (k, light) in registers.iter_mut().enumerate() {
-            *light = (Vec4::from_array(*light) * keeps[k] + covers[k] * colours[k]).to_array();
+        if let Some(light) = pixels.as_flattened_mut().first_chunk_mut() {
+            registers.lay(light, mask, alpha.to_array(), colours);
         }
-        *mask = (Vec4::from_array(*mask) * keep + alpha).to_array();
     }
 
     /// One pixel.

@@ -14,7 +14,7 @@
 mod tables;
 
 use super::Pose;
-use super::edge::{NARROWEST_BOX, split};
+use super::edge::NARROWEST_BOX;
 use super::profile::Profile;
 use crate::rain::kernel::{BLOCK, Ribbon};
 use crate::registers::{self, Registers, Work};
@@ -82,9 +82,10 @@ pub struct Thin {
     across: Vec<Across>,
     /// By length: packets over the picture and half a pixel on both sides.
     along: Vec<Vec<Packet>>,
-    /// The classes' widths and lengths, pixels.
+    /// The classes' widths and lengths, pixels, and what lies between two lengths.
     widths: [f64; WIDTHS],
     lengths: [f64; LENGTHS],
+    length_borders: [f64; LENGTHS - 1],
 }
 
 /// A thin kernel's place: what is worked out once, for however many clips.
@@ -122,6 +123,11 @@ fn class_length(class: usize) -> f64 {
     libm::exp2(f64::from(class as f32 / LENGTHS_PER_OCTAVE + FIRST_LENGTH_LOG2))
 }
 
+/// How many of ascending `borders` lie at or below `value`.
+fn below(borders: &[f64], value: f64) -> usize {
+    borders.partition_point(|border| *border <= value)
+}
+
 /// Whole pixels on each side of its middle that a class's light reaches at any angle.
 fn half_of(class: usize) -> usize {
     (0.5 * class_width(class) + 1.0 - 1e-9).ceil() as usize
@@ -154,6 +160,7 @@ impl Thin {
             along: tabulate_along(&along, scale),
             widths: std::array::from_fn(class_width),
             lengths: std::array::from_fn(class_length),
+            length_borders: std::array::from_fn(|class| (class_length(class) * class_length(class + 1)).sqrt()),
         }
     }
 
@@ -170,22 +177,20 @@ impl Thin {
         let [near, far] = [SHIFTS[slant], SHIFTS[slant + 1]].map(|node| node * node);
         let slant_share = ((shift * shift - near) / (far - near)).clamp(0.0, 1.0);
         let width = pose.scale[0] / cosine;
-        let octave = (libm::log2f(width as f32) - FIRST_WIDTH_LOG2) * WIDTHS_PER_OCTAVE;
-        let class = octave.clamp(0.0, (WIDTHS - 2) as f32) as usize;
+        let class = below(&self.widths[1..WIDTHS - 1], width);
         let [low, high] = [self.widths[class], self.widths[class + 1]];
         // Light grows with width, so that a mixture linear in it has the width's own; beyond the tables it is scaled.
         let share = ((width - low) / (high - low)).clamp(0.0, 1.0);
         let made_up = width / (low + (high - low) * share);
         let length = pose.scale[1];
-        let octave = (libm::log2f(length as f32) - FIRST_LENGTH_LOG2) * LENGTHS_PER_OCTAVE;
-        let length_class = octave.round().clamp(0.0, (LENGTHS - 1) as f32);
-        let own_length = self.lengths[length_class as usize];
+        let length_class = below(&self.length_borders, length);
+        let own_length = self.lengths[length_class];
         // A long table is stretched to this length, the pixel's part of it included; in a short one that part
         // is nearly all, and the light is scaled instead.
         let ratio = length / own_length;
         let stretch = if length > STRETCHED_PX { ratio } else { 1.0 };
         let table_length = (own_length + 2.0 * RADIUS_ALONG) * stretch;
-        let intervals = self.along[length_class as usize].len() - 1;
+        let intervals = self.along[length_class].len() - 1;
         // From the corner to the picture's middle across, on the streak's axis where v = 0.
         let corner = [0, 1].map(|axis| pose.corner[axis] + 0.5 * pose.scale[0] * pose.across[axis]);
         let lean = pose.along[fast] / pose.along[slow];
@@ -220,7 +225,7 @@ impl Thin {
         }
     }
 
-    /// The table of a place's own width and slant, seen in the direction of its lines: by node, block and product.
+    /// The table of a place's own width and slant, seen in the direction of its lines, times its weight: by node, block and product.
     #[inline(always)]
     fn mix<const K: usize>(&self, place: &ThinPlace, blocks: usize, mixed: &mut Vec<Block>) {
         let at = place.class as usize * SHIFTS.len() + place.slant as usize;
@@ -228,12 +233,12 @@ impl Thin {
         mixed.resize(wide.len(), [0.0; BLOCK]);
         let out = mixed.as_flattened_mut();
         for ((out, low), high) in out.iter_mut().zip(narrow.as_flattened()).zip(wide.as_flattened()) {
-            *out = low + (high - low) * place.share;
+            *out = (low + (high - low) * place.share) * place.weight;
         }
         if place.slant_share > 0.0 {
             let (narrow, wide) = (self.across[at + 1].as_wide(), &self.across[at + 1 + SHIFTS.len()].values);
             for ((out, low), high) in out.iter_mut().zip(narrow.as_flattened()).zip(wide.as_flattened()) {
-                let slanted = low + (high - low) * place.share;
+                let slanted = (low + (high - low) * place.share) * place.weight;
                 *out += (slanted - *out) * place.slant_share;
             }
         }
@@ -299,12 +304,18 @@ fn fill<const K: usize, const LEVEL: bool>(
     let mut from = ribbon.line;
     let chunks = ribbon.first.chunks_mut(LINES).zip(ribbon.shares.chunks_mut(LINES * blocks));
     for (firsts, shares) in chunks {
-        starts.fill::<LEVEL>(place, from);
+        starts.fill::<LEVEL>(place, along, from);
         firsts.copy_from_slice(&starts.first[..firsts.len()]);
         for (i, out) in shares.chunks_exact_mut(blocks).enumerate() {
             let at = starts.node[i] as usize * blocks * K;
             let Some(nodes) = mixed.get(at..at + 2 * blocks * K) else { continue };
-            let line = Line { nodes, share: starts.share[i], along: starts.along[i] };
+            let line = Line {
+                nodes,
+                share: starts.share[i],
+                along: starts.along[i],
+                along_node: starts.along_node[i],
+                along_share: starts.along_share[i],
+            };
             line.fill::<K, LEVEL>(registers, along, out);
         }
         from += LINES as i32;
@@ -337,16 +348,17 @@ struct Starts {
     /// Node of the table across, and the share of the next.
     node: [i32; LINES],
     share: [f32; LINES],
-    /// Place in the table along of the middle of a level line, of the first block's middle otherwise.
+    /// Place in the table along of the middle of a level line, of the first block's middle otherwise; its node, and the share of the
+    /// next.
     along: [f32; LINES],
+    along_node: [i32; LINES],
+    along_share: [f32; LINES],
 }
 
 impl Starts {
     /// The lines from `line` on.
     #[inline(always)]
-    fn fill<const LEVEL: bool>(&mut self, place: &ThinPlace, line: i32) {
-        /// Adding it rounds to a whole number, which its last bits then hold.
-        const ROUND: f32 = 12_582_912.0;
+    fn fill<const LEVEL: bool>(&mut self, place: &ThinPlace, along: &Along, line: i32) {
         let base = line as f32 + 0.5 - place.middle[1];
         let reach = half_of(place.class as usize + 1) as f32 + 0.5;
         let [per_line, per_pixel] = place.along_steps.map(|step| step * place.along_per_pixel);
@@ -354,21 +366,37 @@ impl Starts {
         // A level line is looked up at the streak's middle, any other at the middle of its first block.
         let slope = if LEVEL { 0.0 } else { per_pixel };
         let block_middle = 0.5 * BLOCK as f32;
+        let last = (along.table.len() - 2) as f32;
         for i in 0..LINES {
             let down = base + i as f32;
             let middle = place.middle[0] + place.lean * down;
             let start = middle - reach;
             let rounded = (start + ROUND) - ROUND;
             let first = if rounded < start { rounded + 1.0 } else { rounded };
-            self.first[i] = ((first + ROUND).to_bits() as i32).wrapping_sub(ROUND.to_bits() as i32);
-            let node = (first - start) * PHASES as f32;
-            // Rounding to the nearest of one half less is the interval; a NaN is the first.
-            let whole = between(node - 0.5, 0.0, (PHASES - 1) as f32) + ROUND;
-            self.node[i] = whole.to_bits() as i32 - ROUND.to_bits() as i32;
-            self.share[i] = between(node, 0.0, PHASES as f32) - (whole - ROUND);
-            self.along[i] = per_line * down + slope * (first + block_middle - middle) + shift;
+            self.first[i] = whole_of(first + ROUND);
+            (self.node[i], self.share[i]) = node_at((first - start) * PHASES as f32, (PHASES - 1) as f32);
+            let node = per_line * down + slope * (first + block_middle - middle) + shift;
+            self.along[i] = node;
+            (self.along_node[i], self.along_share[i]) = node_at(node, last);
         }
     }
+}
+
+/// Adding it rounds to a whole number, which its last bits then hold.
+const ROUND: f32 = 12_582_912.0;
+
+/// The whole number that something rounded holds.
+#[inline(always)]
+fn whole_of(rounded: f32) -> i32 {
+    (rounded.to_bits() as i32).wrapping_sub(ROUND.to_bits() as i32)
+}
+
+/// The interval that a place is in, from 0 to `last`, and the share of its upper node; a NaN is the first.
+#[inline(always)]
+fn node_at(place: f32, last: f32) -> (i32, f32) {
+    // Rounding to the nearest of one half less is the interval.
+    let whole = between(place - 0.5, 0.0, last) + ROUND;
+    (whole_of(whole), between(place, 0.0, last + 1.0) - (whole - ROUND))
 }
 
 /// `value` within two ends; a NaN is the lower.
@@ -378,10 +406,9 @@ fn between(value: f32, low: f32, high: f32) -> f32 {
     if value < high { value } else { high }
 }
 
-/// A table along at the scale of one kernel, times its weight.
+/// A table along at the scale of one kernel.
 struct Along<'a> {
     table: &'a [Packet],
-    weight: f32,
     /// Nodes from one pixel of a line to the next.
     step: f32,
     /// Whether all pixels of a line are as good as at one place, and whether light is linear over a block even at the ends.
@@ -398,7 +425,6 @@ impl<'a> Along<'a> {
         let node = |pixels: f32| (pixels + place.along_radius) * place.along_per_pixel;
         Self {
             table,
-            weight: place.weight,
             step: step * place.along_per_pixel,
             level: (step * (BLOCK * blocks) as f32).abs() < LEVEL,
             gentle: (step * BLOCK as f32).abs() < GENTLE,
@@ -406,17 +432,22 @@ impl<'a> Along<'a> {
         }
     }
 
-    /// The values at a node and their gain to the next.
+    /// The values at a place, and their gain to the next node.
     #[inline(always)]
-    fn at(&self, node: f32) -> [Vec4; 2] {
-        let last = self.table.len() - 2;
-        let (index, share) = split(between(node, 0.0, (last + 1) as f32), last);
-        let Some([low, high]) = self.table.get(index..).and_then(<[Packet]>::first_chunk::<2>) else {
+    fn at(&self, place: f32) -> [Vec4; 2] {
+        let (node, share) = node_at(place, (self.table.len() - 2) as f32);
+        self.at_node(node, share)
+    }
+
+    /// The same at a share of the way from a node to the next.
+    #[inline(always)]
+    fn at_node(&self, node: i32, share: f32) -> [Vec4; 2] {
+        let Some([low, high]) = self.table.get(node as usize..).and_then(<[Packet]>::first_chunk::<2>) else {
             return [Vec4::ZERO; 2];
         };
         let (low, high) = (Vec4::from_array(*low), Vec4::from_array(*high));
-        let gain = (high - low) * self.weight;
-        [low * self.weight + gain * share, gain]
+        let gain = high - low;
+        [low + gain * share, gain]
     }
 }
 
@@ -425,7 +456,10 @@ struct Line<'a> {
     /// Two nodes of the table across: blocks, then products.
     nodes: &'a [Block],
     share: f32,
+    /// Place along, its node and the share of the next.
     along: f32,
+    along_node: i32,
+    along_share: f32,
 }
 
 impl Line<'_> {
@@ -441,16 +475,19 @@ impl Line<'_> {
         let blocks = out.iter_mut().zip(low.chunks_exact(K).zip(high.chunks_exact(K)));
         for (block, (out, (low, high))) in blocks.enumerate() {
             if LEVEL {
-                let [values, _] = along.at(self.along);
+                let [values, _] = along.at_node(self.along_node, self.along_share);
                 let factors = [values.to_array(), [0.0; RANK]];
-                *out = products::<K, false>(registers, (low, high), self.share, &factors);
+                *out = products::<K>(registers, (low, high), self.share, 0.0, &factors);
                 continue;
             }
             let node = self.along + (block * BLOCK) as f32 * along.step;
             *out = if along.gentle || node > along.inner[0] && node < along.inner[1] {
-                let [values, gain] = along.at(node);
-                let factors = [values.to_array(), (gain * along.step).to_array()];
-                products::<K, true>(registers, (low, high), self.share, &factors)
+                let [values, gain] = match block {
+                    0 => along.at_node(self.along_node, self.along_share),
+                    _ => along.at(node),
+                };
+                let factors = [values.to_array(), gain.to_array()];
+                products::<K>(registers, (low, high), self.share, along.step, &factors)
             } else {
                 self.near_an_end::<K>(along, node, low, high)
             };
@@ -475,21 +512,22 @@ impl Line<'_> {
     }
 }
 
-/// A block's sum of `K` products.
+/// A block's sum of `K` products, whose factors gain `step` times the second ones from pixel to pixel.
 #[inline(always)]
-fn products<const K: usize, const LEAN: bool>(
+fn products<const K: usize>(
     registers: impl Registers,
     (low, high): (&[Block], &[Block]),
     share: f32,
+    step: f32,
     factors: &[Packet; 2],
 ) -> Block {
     // Nothing here may be a closure: what is not inlined leaves the registers.
     if K == LOW_RANK {
         if let (Some(low), Some(high)) = (low.first_chunk(), high.first_chunk()) {
-            return registers.two::<LEAN>(low, high, share, factors);
+            return registers.two(low, high, share, step, factors);
         }
     } else if let (Some(low), Some(high)) = (low.first_chunk(), high.first_chunk()) {
-        return registers.four::<LEAN>(low, high, share, factors);
+        return registers.four(low, high, share, step, factors);
     }
     [0.0; BLOCK]
 }
