@@ -73,6 +73,7 @@ mod octahedron;
 pub mod picture;
 pub mod place;
 pub mod rain;
+mod registers;
 #[doc(hidden)]
 pub mod random;
 pub mod ranges;
