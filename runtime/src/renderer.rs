@@ -11,7 +11,6 @@ mod town;
 mod town_rain;
 mod world;
 
-use crate::airlight::Airlight;
 pub use layers::{Layer, LayerPixels};
 
 use crate::camera::Camera;
@@ -107,7 +106,7 @@ struct Memory {
     flash_cells: Vec<Vec4>,
     surrounding: Option<world::Surrounding>,
     town: town::Kept,
-    airlight: Option<Airlight>,
+    spreading: Option<halos::Spreading>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -191,7 +190,7 @@ impl StormRenderer {
             flash_cells: Vec::new(),
             surrounding: None,
             town: town::Kept::default(),
-            airlight: None,
+            spreading: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),
