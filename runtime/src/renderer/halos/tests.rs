@@ -77,11 +77,8 @@ fn rain_that_ends_before_a_lamp_or_begins_beyond_it_dims_its_halo() {
     let halo = |radius: Option<f64>| {
         use crate::rain::Region;
         use squall_formats::units::Metres;
-        let region = radius.map(|radius| Region {
-            centre: [0.0; 2],
-            radius: Metres(radius),
-            softness: Metres(0.0),
-        });
+        let region =
+            radius.map(|radius| Region { centre: [0.0; 2], radius: Metres(radius), softness: Metres(0.0) });
         let field = RainField::from(RainVolume { ceiling: None, region });
         let mut halos = Halos::new(&tables, &medium, &field);
         halos.add_lamps(&lamp, camera.position);
