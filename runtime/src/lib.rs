@@ -72,6 +72,7 @@ pub mod noise;
 mod octahedron;
 pub mod picture;
 pub mod place;
+pub mod point_spread;
 pub mod rain;
 mod registers;
 #[doc(hidden)]

@@ -13,7 +13,6 @@ mod town;
 mod town_rain;
 mod world;
 
-use crate::airlight::Airlight;
 pub use behind::SkyQuality;
 pub use layers::{Layer, LayerPixels};
 pub use times::{Clock, FrameTimes};
@@ -111,7 +110,7 @@ struct Memory {
     flash_cells: Vec<Vec4>,
     surrounding: Option<world::Surrounding>,
     town: town::Kept,
-    airlight: Option<Airlight>,
+    spreading: Option<halos::Spreading>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -198,7 +197,7 @@ impl StormRenderer {
             flash_cells: Vec::new(),
             surrounding: None,
             town: town::Kept::default(),
-            airlight: None,
+            spreading: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),
