@@ -17,6 +17,19 @@ impl Shader {
 /// Rays, hashes, random numbers, noise, phase functions; the frame's uniforms in group 0.
 const COMMON: &str = include_str!("common.wgsl");
 
+/// Where it rains, and what rain shows of the world: group 2.
+const FIELD: &str = include_str!("rain_field.wgsl");
+const IN_SCATTERING: &str = include_str!("in_scattering.wgsl");
+const RAIN: &str = include_str!("rain.wgsl");
+/// The medium's optical depth.
+const DEPTH: &str = include_str!("medium_depth.wgsl");
+/// Spots of light in the picture.
+const SPOTS: &str = include_str!("spots.wgsl");
+/// A coarse picture at a finer one's pixels.
+const DOUBLED: &str = include_str!("doubled.wgsl");
+/// Rays against the town: group 1.
+const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+
 macro_rules! shaders {
     ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
         $($(#[$doc])* pub(crate) const $constant: Shader =
@@ -31,6 +44,24 @@ macro_rules! shaders {
 shaders! {
     /// Nothing but the common part, run by its own tests.
     PROBE = "probe" [COMMON];
+    /// Drops of a frame.
+    RAIN_FIND = "rain_find" [COMMON, FIELD, TOWN_RAYS, IN_SCATTERING, RAIN];
+    /// Their streaks.
+    RAIN_DRAW = "rain_draw" [COMMON, IN_SCATTERING, RAIN];
+    /// What rain shows of the world in every direction.
+    SHOWN = "shown" [COMMON];
+    /// The medium and halos in it.
+    MEDIUM = "medium" [COMMON, FIELD, IN_SCATTERING, DEPTH];
+    /// Lamps and channels: where they are and what of them arrives.
+    SPOTS_PLACE = "spots_place" [COMMON, FIELD, TOWN_RAYS, DEPTH, SPOTS];
+    /// They themselves.
+    SPOTS_DRAW = "spots_draw" [COMMON, SPOTS];
+    /// The layer of streaks over the picture.
+    STREAKS_OVER = "streaks_over" [COMMON, IN_SCATTERING];
+    /// What a lens spreads.
+    BLOOM = "bloom" [DOUBLED];
+    /// The display's picture.
+    TONE = "tone" [COMMON, DOUBLED];
 }
 
 #[cfg(test)]

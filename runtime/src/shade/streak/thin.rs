@@ -10,6 +10,9 @@
 //! pixels of a line stand at the same share between two nodes, and a table has them side by side: no search and no gathering per
 //! pixel. A line costs two places along the streak and a dozen vector operations for each four pixels.
 
+#[cfg(feature = "gpu")]
+pub mod tables;
+
 use super::Pose;
 use super::edge::{NARROWEST_BOX, split};
 use super::profile::Profile;
