@@ -48,8 +48,8 @@ impl MediumPass {
     /// The pipeline.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, rain: &RainGroup) -> Self {
         let own_layout = gpu.layout("medium", &[Slot::Uniform, Slot::Exact, Slot::Read]);
-        let target_layout =
-            gpu.layout("medium's pictures", &[Slot::Flat, Slot::Exact, Slot::Store(LIGHT), Slot::Store(METRES)]);
+        let target_layout = gpu
+            .layout("medium's pictures", &[Slot::Flat, Slot::Exact, Slot::Store(LIGHT), Slot::Store(METRES)]);
         let module = gpu.module(&MEDIUM);
         let groups = [Some(frame), Some(&own_layout), Some(&rain.layout), Some(&target_layout)];
         let kernel = gpu.kernel(&module, "apply_medium", &groups);
@@ -103,15 +103,19 @@ impl MediumPass {
     }
 
     /// Binds a picture to look at, the metres to what it shows, and the picture to make.
-    pub fn set_targets(&mut self, gpu: &Gpu, [picture, metres, shown]: [&wgpu::TextureView; 3], size: [u32; 2]) {
+    pub fn set_targets(
+        &mut self,
+        gpu: &Gpu,
+        [picture, metres, shown]: [&wgpu::TextureView; 3],
+        size: [u32; 2],
+    ) {
         use wgpu::BindingResource::TextureView;
         let left = gpu.target("left by the medium", size, METRES);
-        self.targets = Some(gpu.group("medium's pictures", &self.target_layout, &[
-            TextureView(picture),
-            TextureView(metres),
-            TextureView(shown),
-            TextureView(&left.view),
-        ]));
+        self.targets = Some(gpu.group(
+            "medium's pictures",
+            &self.target_layout,
+            &[TextureView(picture), TextureView(metres), TextureView(shown), TextureView(&left.view)],
+        ));
         (self.left, self.size) = (Some(left), size);
     }
 

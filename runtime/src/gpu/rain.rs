@@ -199,16 +199,20 @@ impl RainGroup {
     fn bind(&mut self, gpu: &Gpu) {
         let view = |image: &'_ Image| image.view.clone();
         let (map, shown, phases) = (view(&self.map), view(&self.shown), view(&self.phases));
-        self.group = gpu.group("rain", &self.layout, &[
-            self.frame.as_entire_binding(),
-            self.field.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&map),
-            self.light.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&shown),
-            wgpu::BindingResource::TextureView(&phases),
-            self.sizes.as_entire_binding(),
-            self.heads.as_entire_binding(),
-        ]);
+        self.group = gpu.group(
+            "rain",
+            &self.layout,
+            &[
+                self.frame.as_entire_binding(),
+                self.field.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&map),
+                self.light.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&shown),
+                wgpu::BindingResource::TextureView(&phases),
+                self.sizes.as_entire_binding(),
+                self.heads.as_entire_binding(),
+            ],
+        );
     }
 
     /// Puts a map of rain on the card, unless it is there already.
@@ -313,10 +317,11 @@ impl RainPasses {
 
     /// Binds what stands before drops: metres along each pixel's ray.
     pub fn set_scene(&mut self, gpu: &Gpu, distance: &wgpu::TextureView) {
-        self.draw_group = Some(gpu.group("rain drawn", &self.draw_layout, &[
-            self.found.as_entire_binding(),
-            wgpu::BindingResource::TextureView(distance),
-        ]));
+        self.draw_group = Some(gpu.group(
+            "rain drawn",
+            &self.draw_layout,
+            &[self.found.as_entire_binding(), wgpu::BindingResource::TextureView(distance)],
+        ));
     }
 
     /// Whether room was made since [`RainPasses::set_scene`].
@@ -325,13 +330,7 @@ impl RainPasses {
     }
 
     /// Finds the drops of a frame with this many threads.
-    pub fn find(
-        &self,
-        gpu: &Gpu,
-        recorder: &mut Recorder<'_>,
-        groups: [&wgpu::BindGroup; 3],
-        threads: u32,
-    ) {
+    pub fn find(&self, gpu: &Gpu, recorder: &mut Recorder<'_>, groups: [&wgpu::BindGroup; 3], threads: u32) {
         gpu.write(&self.arguments, &[DrawArguments { vertices: 6, ..DrawArguments::default() }]);
         let [frame, town, rain] = groups;
         let groups = [frame, town, rain, &self.find_group];

@@ -111,7 +111,7 @@ struct DrawnStreak {
     place: vec4f,
     // Thin: pixels along per line and per pixel, radius along, intervals per pixel. Else: direction along, weight.
     steps: vec4f,
-    // Thin: classes of width, slant, length.
+    // Thin: classes of width, slant, length; the picture's length, px, as bits.
     tables: vec4u,
     // Thin: shares of the next width and slant. Inverse depth in the middle and its gain per pixel.
     shares: vec4f,

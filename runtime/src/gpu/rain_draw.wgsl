@@ -1,5 +1,7 @@
 // The streaks that were found, one instance each, added up into a layer; after `rain.wgsl`.
 
+// How far into the body its ends are soft, px at most.
+const ENDS_PX: f32 = 4.0;
 const SLOW: f32 = 1e-2;
 const FAINTEST: f32 = 0.1;
 const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
@@ -72,6 +74,16 @@ fn across_at(base: u32, class_at: u32, slant: u32, pixel: i32, reach: i32, node:
     return mix(tables[low], tables[low + lanes], share);
 }
 
+// All products of a streak at a place along it.
+fn along_at(number: u32, along: f32) -> vec4f {
+    let steps = drawn[number].steps;
+    let size = sizes.along[drawn[number].tables.z];
+    let at = clamp((along + steps.z) * steps.w, 0.0, f32(size.y));
+    let low = min(u32(at), size.y - 1u);
+    let packet = heads[drawn[number].pattern].tables.y + size.x + low;
+    return mix(tables[packet], tables[packet + 1u], at - f32(low));
+}
+
 fn thin_share(number: u32, pixel: vec2i) -> f32 {
     let kind = drawn[number].kind;
     let p = drawn[number].place;
@@ -112,13 +124,22 @@ fn thin_share(number: u32, pixel: vec2i) -> f32 {
         across = mix(across, next, shares.y);
     }
     let lanes = f32((2 * reach + 3) / 4 * 4);
-    let off = select(f32(place) + 0.5 - middle, 0.0, abs(steps.y * lanes) < LEVEL);
-    let along = steps.x * down + steps.y * off;
-    let size = sizes.along[which.z];
-    let at = clamp((along + steps.z) * steps.w, 0.0, f32(size.y));
-    let low = min(u32(at), size.y - 1u);
-    let packet = head.y + size.x + low;
-    let values = mix(tables[packet], tables[packet + 1u], at - f32(low));
+    let along = steps.x * down;
+    if abs(steps.y * lanes) < LEVEL {
+        return dot(across, along_at(number, along)) * p.w;
+    }
+    // As the processor has it: pixel by pixel near the ends, elsewhere linear over four pixels of a line.
+    let begin = along + steps.y * (first + 0.5 - middle);
+    let end = begin + steps.y * lanes;
+    let body = heads[drawn[number].pattern].body.zw * bitcast<f32>(which.w);
+    let counted = f32(place) - first;
+    if min(begin, end) > body.x + ENDS_PX && max(begin, end) < body.y - ENDS_PX {
+        let block = floor(counted / 4.0) * 4.0;
+        let here = along_at(number, begin + steps.y * block);
+        let next = along_at(number, begin + steps.y * (block + 4.0));
+        return dot(across, mix(here, next, (counted - block) / 4.0)) * p.w;
+    }
+    let values = along_at(number, begin + steps.y * counted);
     return dot(across, values) * p.w;
 }
 

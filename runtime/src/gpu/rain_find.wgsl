@@ -166,7 +166,7 @@ fn place_streak(drawn: ptr<function, DrawnStreak>, number: u32, centre: vec2f, d
     (*drawn).place = vec4f(select(axis, axis.yx, level), lean, weight * made_up * ratio / stretch);
     (*drawn).steps =
         vec4f(1.0 / along_slow, step.y, RADIUS_ALONG * stretch, intervals / ((own_length + 2.0 * RADIUS_ALONG) * stretch));
-    (*drawn).tables = vec4u(class_at, slant, u32(length_class), 0u);
+    (*drawn).tables = vec4u(class_at, slant, u32(length_class), bitcast<u32>(long));
     (*drawn).shares = vec4f(share, slant_share, 0.0, 0.0);
 }
 

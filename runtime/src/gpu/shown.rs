@@ -33,25 +33,21 @@ pub struct ShownPass {
 
 impl ShownPass {
     /// A pass that reads `harmonics`: [`HARMONICS`] coefficients of four numbers in the order l² + l + m.
-    pub fn new(
-        gpu: &Gpu,
-        frame: &wgpu::BindGroupLayout,
-        rain: &RainGroup,
-        harmonics: &wgpu::Buffer,
-    ) -> Self {
+    pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, rain: &RainGroup, harmonics: &wgpu::Buffer) -> Self {
         let world_layout = gpu.layout("world's light", &[Slot::Uniform, Slot::Read, Slot::Read]);
         let out_layout = gpu.layout("shown", &[Slot::Store(wgpu::TextureFormat::Rgba32Float)]);
         let moments = gpu.uniform::<Moments>("moments");
         let steps = gpu.storage("harmonics' recurrence", &crate::world::upload::basis_steps());
-        let world = gpu.group("world's light", &world_layout, &[
-            moments.as_entire_binding(),
-            harmonics.as_entire_binding(),
-            steps.as_entire_binding(),
-        ]);
+        let world = gpu.group(
+            "world's light",
+            &world_layout,
+            &[moments.as_entire_binding(), harmonics.as_entire_binding(), steps.as_entire_binding()],
+        );
         let shown = wgpu::BindingResource::TextureView(&rain.shown.view);
         let out = gpu.group("shown", &out_layout, &[shown]);
         let module = gpu.module(&SHOWN);
-        let kernel = gpu.kernel(&module, "show_world", &[Some(frame), Some(&world_layout), Some(&out_layout)]);
+        let kernel =
+            gpu.kernel(&module, "show_world", &[Some(frame), Some(&world_layout), Some(&out_layout)]);
         Self { kernel, moments, world, out, phases: Vec::new(), _steps: steps }
     }
 

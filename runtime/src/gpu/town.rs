@@ -34,16 +34,22 @@ impl TownGroup {
         let layout = gpu.layout("town", &[Slot::Uniform, Slot::Read, Slot::Read, Slot::Read]);
         let place = gpu.uniform::<TownPlace>("town");
         let (own, lists) = match town.map(Town::tables) {
-            Some(tables) => (tables.place, [
-                gpu.storage("tree over boxes", &tables.nodes),
-                gpu.storage("boxes", &tables.boxes),
-                gpu.storage("hills", &tables.heights),
-            ]),
-            None => (TownPlace::default(), [
-                gpu.storage::<TownNode>("tree over boxes", &[]),
-                gpu.storage::<TownBox>("boxes", &[]),
-                gpu.storage::<f32>("hills", &[]),
-            ]),
+            Some(tables) => (
+                tables.place,
+                [
+                    gpu.storage("tree over boxes", &tables.nodes),
+                    gpu.storage("boxes", &tables.boxes),
+                    gpu.storage("hills", &tables.heights),
+                ],
+            ),
+            None => (
+                TownPlace::default(),
+                [
+                    gpu.storage::<TownNode>("tree over boxes", &[]),
+                    gpu.storage::<TownBox>("boxes", &[]),
+                    gpu.storage::<f32>("hills", &[]),
+                ],
+            ),
         };
         gpu.write(&place, &[own]);
         let [nodes, boxes, heights] = lists.each_ref().map(|list| list.as_entire_binding());

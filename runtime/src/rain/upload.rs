@@ -39,7 +39,11 @@ impl Rain {
         let searches = &workspace.searches;
         if searches.len() > CLASSES {
             let found = format!("{} classes of drops", searches.len());
-            return Err(RuntimeError::argument("rain", format!("at most {CLASSES} on a graphics card"), found));
+            return Err(RuntimeError::argument(
+                "rain",
+                format!("at most {CLASSES} on a graphics card"),
+                found,
+            ));
         }
         for (slot, search) in out.classes.iter_mut().zip(searches) {
             let (class, own) = search.uniform(threads.min(u64::from(u32::MAX)) as u32);

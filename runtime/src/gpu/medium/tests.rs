@@ -1,16 +1,16 @@
 use super::*;
-use crate::assert_layout;
 use crate::airlight::PointBeside;
+use crate::assert_layout;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::gpu::clock::Clock;
 use crate::gpu::frame::{FrameGroup, FrameUniform};
+use crate::gpu::half::{bits_of, value_of};
 use crate::gpu::rain::RainLight;
 use crate::gpu::readback::Readback;
 use crate::gpu::shader::SPOTS_PLACE;
 use crate::gpu::shown::ShownPass;
 use crate::gpu::spots::{Spot, SpotFrame, SpotSource};
-use crate::gpu::half::{bits_of, value_of};
 use crate::gpu::test_gpu;
 use crate::load::Asset;
 use crate::medium::{Outlook, Phase, PhaseTable};
@@ -154,9 +154,9 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
     /// Transmittance of a pixel: numerical integrals of bounds, single precision.
     const LEFT: f32 = 2e-3;
     let Some(gpu) = test_gpu() else { return };
-    let asset =
-        Asset::open(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall")).unwrap();
-    let section: DensitySection = asset.section(DensitySection::TAG, "density", DensitySection::read).unwrap();
+    let asset = Asset::open(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall")).unwrap();
+    let section: DensitySection =
+        asset.section(DensitySection::TAG, "density", DensitySection::read).unwrap();
     let set = StreakSet::new(&StreakSection::default());
     let camera = camera();
     let sun = Sun {

@@ -3,10 +3,10 @@ use crate::assert_layout;
 use crate::camera::Camera;
 use crate::gpu::clock::Clock;
 use crate::gpu::frame::{FrameGroup, FrameUniform};
+use crate::gpu::half::value_of;
 use crate::gpu::readback::Readback;
 use crate::gpu::shader::{RAIN_DRAW, RAIN_FIND, SHOWN};
 use crate::gpu::shown::{Moments, ShownPass};
-use crate::gpu::half::value_of;
 use crate::gpu::test_gpu;
 use crate::gpu::town::{TownBox, TownGroup, TownNode, TownPlace};
 use crate::load::Asset;
@@ -29,21 +29,62 @@ const SIZE: [u32; 2] = [160, 90];
 
 #[test]
 fn structs_lie_as_the_shaders_have_them() {
-    assert_layout!(RAIN_FIND, RainLight {
-        sun_towards, sun, flash_towards, flash, medium_flash_towards, medium_flash, around, phases
-    });
-    assert_layout!(RAIN_FIND, RainFrame {
-        exposure, still_way, world_up, wind, lens, shift, lengths, counts, flags, classes, near_lamps
-    });
+    assert_layout!(
+        RAIN_FIND,
+        RainLight {
+            sun_towards,
+            sun,
+            flash_towards,
+            flash,
+            medium_flash_towards,
+            medium_flash,
+            around,
+            phases
+        }
+    );
+    assert_layout!(
+        RAIN_FIND,
+        RainFrame {
+            exposure,
+            still_way,
+            world_up,
+            wind,
+            lens,
+            shift,
+            lengths,
+            counts,
+            flags,
+            classes,
+            near_lamps
+        }
+    );
     assert_layout!(RAIN_FIND, NearLamp { position, intensity });
-    assert_layout!(RAIN_FIND, RainClass {
-        key, smallest, width, base_x, base_y, base_z, crowd, floor, low, first, size, edge, place, near, far,
-        planes
-    });
+    assert_layout!(
+        RAIN_FIND,
+        RainClass {
+            key,
+            smallest,
+            width,
+            base_x,
+            base_y,
+            base_z,
+            crowd,
+            floor,
+            low,
+            first,
+            size,
+            edge,
+            place,
+            near,
+            far,
+            planes
+        }
+    );
     assert_layout!(RAIN_FIND, PatternHead { body, range, tables, light, kind, sides, ends, softness });
-    assert_layout!(RAIN_DRAW, DrawnStreak {
-        ends, light, id, pattern, kind, place, steps, tables, shares, bounds
-    });
+    assert_layout!(
+        RAIN_DRAW,
+        DrawnStreak { ends, light, id, pattern, kind, place, steps, tables, shares, bounds }
+    );
     assert_layout!(RAIN_FIND, TownPlace { hills, counts, top });
     assert_layout!(RAIN_FIND, TownNode { low, first, high, count });
     assert_layout!(RAIN_FIND, TownBox { centre, axis, half, foot, top });
@@ -73,11 +114,7 @@ impl Case {
         let (eye, target) = (DVec3::new(3.0, -20.0, 2.0), DVec3::new(0.0, 60.0, 8.0));
         Self {
             camera: Camera::look_at(eye, target, Degrees(60.0), SIZE).unwrap(),
-            weather: Weather::steady(
-                MillimetresPerHour(rate),
-                DVec3::new(3.0, 1.0, 0.0),
-                Seconds(4321.0),
-            ),
+            weather: Weather::steady(MillimetresPerHour(rate), DVec3::new(3.0, 1.0, 0.0), Seconds(4321.0)),
             map: None,
             town: None,
             streak_px: [8.0, 100.0],
@@ -198,11 +235,8 @@ fn drops_are_the_processors_own_drops_in_the_open_under_roofs_in_bounds_and_in_a
         region: Some(Region { centre: [2.0, -8.0], radius: Metres(9.0), softness: Metres(6.0) }),
     };
     let rates = [1.0, 0.2, 0.0, 0.7, 1.0, 0.4, 0.0, 0.9, 0.6].map(|share| (share * most) as f32);
-    let origin = DVec2::new(-18.0, -30.0) + cases[3].weather.drift.truncate();
-    let _ = origin;
     cases[3].weather.drift = DVec3::ZERO;
-    cases[3].map =
-        Some(RainMap::new(DVec2::new(-18.0, -30.0), Metres(12.0), [3, 3], &rates, None).unwrap());
+    cases[3].map = Some(RainMap::new(DVec2::new(-18.0, -30.0), Metres(12.0), [3, 3], &rates, None).unwrap());
     for (number, case) in cases.iter().enumerate() {
         let wanted = found_by(&rain, case);
         let made = on_the_card(&gpu, case, (&rain, &set), &world());
@@ -216,9 +250,13 @@ fn drops_are_the_processors_own_drops_in_the_open_under_roofs_in_bounds_and_in_a
         for streak in &made.streaks {
             let Some(twin) = by_name.get(&name(streak)) else { continue };
             for (found, wanted) in streak.ends.iter().zip(twin.ends.as_flattened()) {
-                assert!((found - wanted).abs() < PLACE_PX * (1.0 + wanted.abs() * 0.01), "{streak:?} {twin:?}");
+                assert!(
+                    (found - wanted).abs() < PLACE_PX * (1.0 + wanted.abs() * 0.01),
+                    "{streak:?} {twin:?}"
+                );
             }
             assert!((streak.light[3] / twin.coverage - 1.0).abs() < SHARE);
+            assert!(streak.kind & 8 != 0 || streak.pattern == twin.pattern % set.len() as u32);
             let [near, far] = twin.end_depths;
             let inverse = 0.5 * (1.0 / near + 1.0 / far);
             assert!((streak.shares[2] / inverse - 1.0).abs() < SHARE);
@@ -252,16 +290,16 @@ fn the_layer_of_streaks_is_the_processors_thin_broad_and_hidden_ones_alike() {
     let every_kind = StreakSet::new(&crate::shade::streak::tests::every_kind());
     let plain = StreakSet::new(&StreakSection::default());
     let sets = [patterns(), every_kind, plain];
-    let mut bad = 0;
+    let mut most_broad = 0;
     for set in &sets {
-        for (streak_px, metres) in [([8.0, 100.0], 1e30), ([30.0, 600.0], 1e30), ([8.0, 100.0], 3.0)] {
+        for (streak_px, metres) in
+            [([8.0, 100.0], 1e30), ([30.0, 600.0], 1e30), ([300.0, 9000.0], 1e30), ([8.0, 100.0], 3.0)]
+        {
             let case = Case { streak_px, metres, ..Case::new(most) };
             let (wanted, mask) = layer_by(&rain, &case, set, &light);
             let made = on_the_card(&gpu, &case, (&rain, set), &world);
             let broad = made.streaks.iter().filter(|streak| streak.kind == 0).count();
             let (mut miss, mut whole, mut cover_miss, mut cover) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
-            let (mut sa, mut sb) = (0.0, 0.0);
-            let mut worst = vec![];
             for ((found, wanted), mask) in made.layer.iter().zip(&wanted.pixels).zip(&mask) {
                 let shown = 1.0 - libm::expf(-found[3] / 2048.0);
                 for band in 0..3 {
@@ -271,13 +309,15 @@ fn the_layer_of_streaks_is_the_processors_thin_broad_and_hidden_ones_alike() {
                 }
                 cover_miss += f64::from((shown - mask) * (shown - mask));
                 cover += f64::from(mask * mask);
-                sa += shown; sb += mask; worst.push(((shown - mask).abs(), shown, *mask, worst.len() % 160, worst.len() / 160));
             }
             let (light, cover) = ((miss / whole).sqrt(), (cover_miss / cover).sqrt());
-            println!("{} patterns, {streak_px:?} px: {broad} broad, light {light:.1e}, cover {cover:.1e}", set.len());
-            worst.sort_by(|a, b| b.0.total_cmp(&a.0));
-            println!("{sa} {sb} {:?}", &worst[..6]);
-            if light > LAYER_ERROR || cover > LAYER_ERROR { bad += 1; }
+            println!(
+                "{} patterns, {streak_px:?} px: {broad} broad, light {light:.1e}, cover {cover:.1e}",
+                set.len()
+            );
+            assert!(light < LAYER_ERROR && cover < LAYER_ERROR);
+            most_broad = most_broad.max(broad);
         }
-    }    assert_eq!(bad, 0);
+    }
+    assert!(most_broad >= 5, "{most_broad} streaks are resolved");
 }

@@ -38,9 +38,10 @@ impl Thin {
             let lanes = lanes_of(half);
             for node in 0..=PHASES {
                 let value = |k: usize, pixel: usize| table.values.get((node * RANK + k) * lanes + pixel);
-                out.extend((0..2 * half).map(|pixel| {
-                    std::array::from_fn(|k| value(k, pixel).copied().unwrap_or_default())
-                }));
+                out.extend(
+                    (0..2 * half)
+                        .map(|pixel| std::array::from_fn(|k| value(k, pixel).copied().unwrap_or_default())),
+                );
             }
         }
     }
