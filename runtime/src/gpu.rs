@@ -11,9 +11,12 @@
 
 pub(crate) mod binding;
 pub mod clock;
+pub(crate) mod cloud;
 pub(crate) mod frame;
+pub(crate) mod haar;
 pub(crate) mod memory;
 pub(crate) mod readback;
+pub(crate) mod rows;
 pub(crate) mod shader;
 pub(crate) mod targets;
 

@@ -17,6 +17,9 @@ impl Shader {
 /// Rays, hashes, random numbers, noise, phase functions; the frame's uniforms in group 0.
 const COMMON: &str = include_str!("common.wgsl");
 
+/// The cloud's grid, in group 1.
+const CLOUD: &str = include_str!("cloud.wgsl");
+
 macro_rules! shaders {
     ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
         $($(#[$doc])* pub(crate) const $constant: Shader =
@@ -31,6 +34,10 @@ macro_rules! shaders {
 shaders! {
     /// Nothing but the common part, run by its own tests.
     PROBE = "probe" [COMMON];
+    /// Sums of rows.
+    ROWS = "rows" [];
+    /// Sums of rows back to light per cell.
+    HAAR = "haar" [CLOUD];
 }
 
 #[cfg(test)]
