@@ -9,13 +9,13 @@ pub use flash::{Flash, FlashStroke};
 pub use thunder::{SPEED_OF_SOUND, Thunder};
 
 use crate::camera::{Camera, Projection};
-use crate::clouds::STILL_RAYS;
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
+use crate::single_scatter::DirectRays;
 use crate::tone::{Tone, glow::Glow};
 use glam::{DVec2, DVec3};
 use squall_formats::section::view::{
@@ -87,14 +87,14 @@ impl Default for Streaks {
 pub struct FrameQuality {
     /// Samples of the town within a pixel, and of its mirrors.
     pub town: Quality,
-    /// Rays from each point of a stroke for its direct light.
-    pub rays_per_point: u32,
+    /// Rays of each stroke's direct light.
+    pub rays: DirectRays,
 }
 
 impl Default for FrameQuality {
     /// A still picture's.
     fn default() -> Self {
-        Self { town: Quality { samples: 2, facets: 3 }, rays_per_point: STILL_RAYS }
+        Self { town: Quality { samples: 2, facets: 3 }, rays: DirectRays::STILL }
     }
 }
 

@@ -11,17 +11,21 @@
 
 pub(crate) mod binding;
 pub mod clock;
+pub(crate) mod cloud;
 pub(crate) mod frame;
+pub(crate) mod haar;
 #[cfg(test)]
 pub(crate) mod half;
 pub(crate) mod medium;
 pub(crate) mod memory;
 pub(crate) mod rain;
 pub(crate) mod readback;
+pub(crate) mod rows;
 pub(crate) mod shader;
 pub(crate) mod shown;
 pub(crate) mod spots;
 pub(crate) mod targets;
+pub(crate) mod tone;
 pub(crate) mod town;
 
 pub use clock::{GpuReport, PassTime};

@@ -20,7 +20,7 @@ fn draw_frame(asset: &Asset, view: &ViewSection) -> std::result::Result<Vec<[f32
     let mut renderer = StormRenderer::new(asset)?;
     let quality = FrameQuality {
         town: squall_runtime::shade::town::frame::Quality { samples: 1, facets: 1 },
-        rays_per_point: 8,
+        rays: squall_runtime::single_scatter::DirectRays::PerPoint(8),
     };
     Ok(renderer.render(&Frame::from(view).quality(quality))?.pixels.clone())
 }

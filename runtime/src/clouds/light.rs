@@ -4,7 +4,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::in_scattered::InScattered;
 use crate::relight::{PointLight, Relighter, Relit};
-use crate::single_scatter::{DirectSettings, add_direct, add_direct_fluence};
+use crate::single_scatter::{DirectRays, DirectSettings, add_direct, add_direct_fluence};
 use crate::transport::Cloud;
 use glam::DVec3;
 use squall_formats::section::response::DirectionalBasis;
@@ -175,7 +175,7 @@ impl CloudLight {
     fn settings(&self) -> DirectSettings {
         let [fewest, most] = FLUENCE_RAYS_PER_LIGHT;
         let rays_per_point = (FLUENCE_RAYS / self.direct.len().max(1)).clamp(fewest, most) as u32;
-        DirectSettings { rays_per_point, ..DirectSettings::default() }
+        DirectSettings { rays: DirectRays::PerPoint(rays_per_point), ..DirectSettings::default() }
     }
 
     fn check_length(&self, found: usize) -> Result<(), RuntimeError> {

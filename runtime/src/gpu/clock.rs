@@ -144,6 +144,21 @@ pub struct Dispatch<'a> {
     pub size: [u32; 3],
 }
 
+/// A compute pass on record.
+pub struct Pass<'a>(wgpu::ComputePass<'a>);
+
+impl Pass<'_> {
+    /// Puts one dispatch on record: `size` workgroups of `kernel` with these groups.
+    pub fn run(&mut self, kernel: &Kernel, groups: &[Option<&wgpu::BindGroup>], size: [u32; 3]) {
+        self.0.set_pipeline(&kernel.pipeline);
+        for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.is_some()) {
+            self.0.set_bind_group(number as u32, *group, &[]);
+        }
+        let [x, y, z] = size;
+        self.0.dispatch_workgroups(x, y, z);
+    }
+}
+
 impl Recorder<'_> {
     /// The queries of the next pass, which is called `name`.
     fn times(&mut self, name: &'static str) -> Option<(&wgpu::QuerySet, u32)> {
@@ -159,6 +174,16 @@ impl Recorder<'_> {
 
     /// A compute pass of some dispatches, timed together; each sees what those before it wrote.
     pub fn compute(&mut self, name: &'static str, dispatches: &[Dispatch<'_>]) {
+        self.pass(name, |pass| {
+            for Dispatch { kernel, groups, size } in dispatches {
+                let groups: Vec<_> = groups.iter().map(|group| Some(*group)).collect();
+                pass.run(kernel, &groups, *size);
+            }
+        });
+    }
+
+    /// A compute pass whose dispatches `work` names, timed together.
+    pub fn pass(&mut self, name: &'static str, work: impl FnOnce(&mut Pass<'_>)) {
         let times = self.times(name).map(|(set, at)| (set.clone(), at));
         let timestamp_writes = times.as_ref().map(|(set, at)| wgpu::ComputePassTimestampWrites {
             query_set: set,
@@ -166,15 +191,8 @@ impl Recorder<'_> {
             end_of_pass_write_index: Some(*at + 1),
         });
         let descriptor = wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes };
-        let mut pass = self.encoder.begin_compute_pass(&descriptor);
-        for dispatch in dispatches {
-            pass.set_pipeline(&dispatch.kernel.pipeline);
-            for (number, group) in dispatch.groups.iter().enumerate() {
-                pass.set_bind_group(number as u32, *group, &[]);
-            }
-            let [x, y, z] = dispatch.size;
-            pass.dispatch_workgroups(x, y, z);
-        }
+        let pass = self.encoder.begin_compute_pass(&descriptor);
+        work(&mut Pass(pass));
     }
 
     /// A render pass onto `targets`, timed.

@@ -195,8 +195,9 @@ fn octahedron_unfold(p: vec2f) -> vec3f {
     return normalize(vec3f(flat_, z));
 }
 
-// Henyey and Greenstein's phase function, 1/sr. (phase.rs)
+// Henyey and Greenstein's phase function, 1/sr, in the form that keeps its digits at the peak. (phase.rs, PreparedHg)
 fn henyey_greenstein(g: f32, cosine: f32) -> f32 {
-    let base = 1.0 + g * g - 2.0 * g * cosine;
-    return (1.0 - g * g) / (4.0 * PI * base * sqrt(base));
+    let narrow = 1.0 - abs(g);
+    let base = narrow * narrow + 2.0 * abs(g) * max(1.0 - sign_of(g) * cosine, 0.0);
+    return (1.0 - g * g) / (4.0 * PI * max(base * sqrt(base), 1e-37));
 }

@@ -42,9 +42,9 @@ pub struct Image {
 }
 
 impl Gpu {
-    /// A buffer of zeros. A size of 0 becomes 16: a binding must not be empty.
+    /// A buffer of zeros. A size below 16 becomes 16: a binding must not be empty.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Held<wgpu::Buffer> {
-        let size = size.max(16).next_multiple_of(16);
+        let size = size.max(16).next_multiple_of(4);
         let usage = usage | wgpu::BufferUsages::COPY_DST;
         let descriptor =
             wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };

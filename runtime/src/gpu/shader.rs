@@ -29,6 +29,8 @@ const SPOTS: &str = include_str!("spots.wgsl");
 const DOUBLED: &str = include_str!("doubled.wgsl");
 /// Rays against the town: group 1.
 const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+/// The cloud's grid, in group 1.
+const CLOUD: &str = include_str!("cloud.wgsl");
 
 macro_rules! shaders {
     ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
@@ -62,6 +64,10 @@ shaders! {
     BLOOM = "bloom" [DOUBLED];
     /// The display's picture.
     TONE = "tone" [COMMON, DOUBLED];
+    /// Sums of rows.
+    ROWS = "rows" [];
+    /// Sums of rows back to light per cell.
+    HAAR = "haar" [CLOUD];
 }
 
 #[cfg(test)]
