@@ -44,6 +44,14 @@ pub enum RuntimeError {
         /// The value given.
         found: String,
     },
+    /// A graphics card that is not there, cannot do what is needed or answers no more.
+    #[error("graphics device: wanted {wanted}, found {found}")]
+    Device {
+        /// What is needed.
+        wanted: String,
+        /// What there is.
+        found: String,
+    },
 }
 
 impl RuntimeError {

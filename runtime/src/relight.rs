@@ -162,6 +162,18 @@ impl Relighter {
         &self.response
     }
 
+    /// An error of this asset's bytes.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn wrap(&self, error: ReadError) -> RuntimeError {
+        self.asset.wrap(error)
+    }
+
+    /// The transform that the rows are in.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn haar(&self) -> &Haar {
+        &self.haar
+    }
+
     /// Whether direct light is left to the caller.
     pub fn direct(&self) -> DirectTerm {
         self.response.head.direct
@@ -315,6 +327,21 @@ impl Relighter {
             weights.iter().map(|&(beam, weight)| SourceWeight { row: rows[beam], intensity: weight as f32 }),
         );
         self.sum_rows(RelightOptions::default(), buffers).map(Some)
+    }
+
+    /// J towards `viewer` in every cell of [`Relighter::light_cloud`], of rows with these weights.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn towards_for_tests(
+        &self,
+        sources: &[SourceWeight],
+        viewer: crate::clouds::Viewer,
+    ) -> Vec<f32> {
+        let mut buffers = RelightBuffers { weights: sources.to_vec(), ..RelightBuffers::default() };
+        let Ok(rows) = self.sum_rows(RelightOptions::default(), &mut buffers) else { return Vec::new() };
+        let mut j = vec![0.0; self.light_cloud().shape.len()];
+        let towards = |_: usize, middle: DVec3| viewer.direction_from(middle);
+        crate::in_scattered::InScattered::of(rows).towards_each(self.light_cloud(), towards, &mut j);
+        j
     }
 
     /// Sums the rows that `buffers.weights` names and transforms every coefficient back.

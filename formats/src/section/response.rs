@@ -15,6 +15,7 @@ pub use head::{
 };
 pub use stream::{
     COEFFICIENT_BYTES, CoefficientPlane, ESCAPE, StreamWriter, accumulate, check_stream, coefficient_planes,
+    each_coefficient,
 };
 
 pub use sun::{SUN_TOLERANCE_RAD, SunDirections, towards_sun};

@@ -18,6 +18,8 @@ mod frame;
 mod prepare;
 mod profile;
 mod thin;
+#[cfg(feature = "gpu")]
+pub(crate) mod upload;
 
 use choice::Choice;
 use draw::{Lines, Wave, draw};

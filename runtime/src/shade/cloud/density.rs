@@ -42,9 +42,9 @@ impl Density for Cells {
 }
 
 /// Steps per cell where billows are cut, along its shortest edge.
-const STEPS_PER_CELL: f32 = 3.5;
+pub(crate) const STEPS_PER_CELL: f32 = 3.5;
 /// Steps per billow.
-const STEPS_PER_BILLOW: f32 = 10.0;
+pub(crate) const STEPS_PER_BILLOW: f32 = 10.0;
 /// Optical depth of a step in the cloud's inside, where nothing is finer than a cell.
 const INSIDE_DEPTH: f32 = 0.25;
 
