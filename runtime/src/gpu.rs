@@ -12,8 +12,10 @@
 pub(crate) mod binding;
 pub mod clock;
 pub(crate) mod cloud;
+pub(crate) mod direct;
 pub(crate) mod frame;
 pub(crate) mod haar;
+pub(crate) mod light;
 pub(crate) mod memory;
 pub(crate) mod readback;
 pub(crate) mod rows;

@@ -4,7 +4,7 @@ mod channel;
 mod draw;
 mod halos;
 mod layers;
-mod light;
+pub(crate) mod light;
 mod lit_stroke;
 mod rain;
 mod town;

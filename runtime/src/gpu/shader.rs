@@ -38,6 +38,10 @@ shaders! {
     ROWS = "rows" [];
     /// Sums of rows back to light per cell.
     HAAR = "haar" [CLOUD];
+    /// Direct light of strokes.
+    DIRECT = "direct" [CLOUD];
+    /// Light per cell into volumes.
+    PACK = "pack" [CLOUD];
 }
 
 #[cfg(test)]
