@@ -9,18 +9,22 @@
 
 #![allow(dead_code)]
 
+pub(crate) mod around;
 pub(crate) mod binding;
 pub mod clock;
 pub(crate) mod cloud;
+pub(crate) mod compose;
 pub(crate) mod direct;
 pub(crate) mod frame;
 pub(crate) mod haar;
 pub(crate) mod light;
+pub(crate) mod march;
 pub(crate) mod memory;
 pub(crate) mod readback;
 pub(crate) mod rows;
 pub(crate) mod shader;
 pub(crate) mod targets;
+pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
 

@@ -1,15 +1,15 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
 mod channel;
-mod draw;
+pub(crate) mod draw;
 mod halos;
 mod layers;
 pub(crate) mod light;
-mod lit_stroke;
+pub(crate) mod lit_stroke;
 mod rain;
 mod town;
 mod town_rain;
-mod world;
+pub(crate) mod world;
 
 use crate::airlight::Airlight;
 pub use layers::{Layer, LayerPixels};

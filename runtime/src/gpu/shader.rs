@@ -20,6 +20,11 @@ const COMMON: &str = include_str!("common.wgsl");
 /// The cloud's grid, in group 1.
 const CLOUD: &str = include_str!("cloud.wgsl");
 
+/// The sky, in group 0.
+const SKY: &str = include_str!("sky.wgsl");
+/// The march, with the cloud's volumes in groups 1 and 2.
+const VOLUME: &str = include_str!("volume.wgsl");
+
 macro_rules! shaders {
     ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
         $($(#[$doc])* pub(crate) const $constant: Shader =
@@ -42,6 +47,14 @@ shaders! {
     DIRECT = "direct" [CLOUD];
     /// Light per cell into volumes.
     PACK = "pack" [CLOUD];
+    /// The picture's sky, and the cloud over it.
+    MARCH = "march" [COMMON, SKY, CLOUD, VOLUME];
+    /// Maps of what is around the eye.
+    LOOK = "look" [COMMON, SKY, CLOUD, VOLUME];
+    /// What those maps come to.
+    AROUND = "around" [COMMON];
+    /// The town before the sky.
+    COMPOSE = "compose" [COMMON, SKY];
 }
 
 #[cfg(test)]
