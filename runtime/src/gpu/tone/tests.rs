@@ -66,7 +66,7 @@ fn a_developed_picture_is_the_processors_in_every_format_of_a_surface() {
     let picture = picture();
     let plain = Tone::default();
     let mut bare = Tone { exposure: 2.0, dither: false, ..plain };
-    bare.glow.amount = 0.0;
+    bare.bloom.amount = 0.0;
     use wgpu::TextureFormat as F;
     for (tone, format) in [
         (plain, F::Rgba8Unorm),
