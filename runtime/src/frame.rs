@@ -17,7 +17,7 @@ use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
 use crate::single_scatter::DirectRays;
-use crate::tone::{Tone, glow::Glow};
+use crate::tone::{Tone, bloom::Bloom};
 use glam::{DVec2, DVec3};
 use squall_formats::section::view::{
     ViewCamera, ViewDetail, ViewFlash, ViewMedium, ViewRain, ViewSection, ViewSky, ViewTone,
@@ -384,9 +384,9 @@ pub fn camera_of(view: &ViewCamera) -> Result<Camera, RuntimeError> {
 
 /// How a view's light becomes a picture.
 pub fn tone_of(view: &ViewTone) -> Tone {
-    let glow =
-        Glow { amount: view.glow_amount as f32, levels: view.glow_levels, reach: view.glow_reach as f32 };
-    Tone { exposure: view.exposure as f32, contrast: view.contrast as f32, glow, ..Tone::default() }
+    let bloom =
+        Bloom { amount: view.bloom_amount as f32, levels: view.bloom_levels, reach: view.bloom_reach as f32 };
+    Tone { exposure: view.exposure as f32, contrast: view.contrast as f32, bloom, ..Tone::default() }
 }
 
 fn volume_of(view: &ViewRain) -> RainVolume {

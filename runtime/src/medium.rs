@@ -17,6 +17,8 @@ mod apply;
 mod choice;
 mod drops;
 mod phase;
+#[cfg(feature = "gpu")]
+mod upload;
 
 pub use choice::{MediumChoice, MediumForm, PhaseChoice};
 pub use drops::PhaseTable;

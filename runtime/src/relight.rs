@@ -162,6 +162,18 @@ impl Relighter {
         &self.response
     }
 
+    /// An error of this asset's bytes.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn wrap(&self, error: ReadError) -> RuntimeError {
+        self.asset.wrap(error)
+    }
+
+    /// The transform that the rows are in.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn haar(&self) -> &Haar {
+        &self.haar
+    }
+
     /// Whether direct light is left to the caller.
     pub fn direct(&self) -> DirectTerm {
         self.response.head.direct
@@ -317,6 +329,21 @@ impl Relighter {
         self.sum_rows(RelightOptions::default(), buffers).map(Some)
     }
 
+    /// J towards `viewer` in every cell of [`Relighter::light_cloud`], of rows with these weights.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn towards_for_tests(
+        &self,
+        sources: &[SourceWeight],
+        viewer: crate::clouds::Viewer,
+    ) -> Vec<f32> {
+        let mut buffers = RelightBuffers { weights: sources.to_vec(), ..RelightBuffers::default() };
+        let Ok(rows) = self.sum_rows(RelightOptions::default(), &mut buffers) else { return Vec::new() };
+        let mut j = vec![0.0; self.light_cloud().shape.len()];
+        let towards = |_: usize, middle: DVec3| viewer.direction_from(middle);
+        crate::in_scattered::InScattered::of(rows).towards_each(self.light_cloud(), towards, &mut j);
+        j
+    }
+
     /// Sums the rows that `buffers.weights` names and transforms every coefficient back.
     fn sum_rows<'b>(
         &self,
@@ -327,13 +354,12 @@ impl Relighter {
         let count = basis.count();
         buffers.coefficients.clear();
         buffers.coefficients.resize(cells * count, 0.0);
+        self.response.fetch(buffers.weights.iter().map(|weight| weight.row as usize))?;
         for weight in &buffers.weights {
             let row = weight.row as usize;
             let known = self.verified[row].load(Ordering::Relaxed);
             let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
-            let parts = bytes
-                .and_then(|bytes| coefficient_planes(bytes, count))
-                .map_err(|error| self.asset.wrap(error))?;
+            let parts = coefficient_planes(bytes?, count).map_err(|error| self.asset.wrap(error))?;
             self.verified[row].store(true, Ordering::Relaxed);
             for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
                 accumulate(coefficients, self.response.head.codec, weight.intensity, sums)

@@ -1,18 +1,17 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
 mod channel;
-mod draw;
+pub(crate) mod draw;
 mod halos;
 mod layers;
-mod light;
-mod lit_stroke;
+pub(crate) mod light;
+pub(crate) mod lit_stroke;
 mod rain;
 mod times;
 mod town;
 mod town_rain;
-mod world;
+pub(crate) mod world;
 
-use crate::airlight::Airlight;
 pub use layers::{Layer, LayerPixels};
 pub use times::{Clock, FrameTimes};
 
@@ -109,7 +108,7 @@ struct Memory {
     flash_cells: Vec<Vec4>,
     surrounding: Option<world::Surrounding>,
     town: town::Kept,
-    airlight: Option<Airlight>,
+    spreading: Option<halos::Spreading>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -196,7 +195,7 @@ impl StormRenderer {
             flash_cells: Vec::new(),
             surrounding: None,
             town: town::Kept::default(),
-            airlight: None,
+            spreading: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),

@@ -1,5 +1,8 @@
 //! Where it rains and how much: what drops, medium and whoever looks through rain ask, so that they agree.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::map::RainMap;
 use super::volume::RainVolume;
 use crate::camera::Ray;

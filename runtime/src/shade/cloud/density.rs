@@ -42,9 +42,9 @@ impl Density for Cells {
 }
 
 /// Steps per cell where billows are cut, along its shortest edge.
-const STEPS_PER_CELL: f32 = 3.5;
+pub(crate) const STEPS_PER_CELL: f32 = 3.5;
 /// Steps per billow.
-const STEPS_PER_BILLOW: f32 = 10.0;
+pub(crate) const STEPS_PER_BILLOW: f32 = 10.0;
 /// Optical depth of a step in the cloud's inside, where nothing is finer than a cell.
 const INSIDE_DEPTH: f32 = 0.25;
 
@@ -71,6 +71,11 @@ impl CloudShape {
             })
         });
         Self { distances: distances(shape, filled), ceilings: ceilings(shape, &cloud.extinction) }
+    }
+
+    /// Largest extinction around each cell, 1/m, x fastest.
+    pub fn ceilings(&self) -> &[f32] {
+        &self.ceilings
     }
 
     /// Steps to the nearest cube of eight centres with cloud in it, a cube, x fastest; all cubes closer than that are empty.
