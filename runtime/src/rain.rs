@@ -50,7 +50,7 @@ use streak::Lens;
 
 pub use cover::{CoverMap, Covers};
 pub use field::{RainField, RainPath};
-pub use kernel::{Clip, Footprint, Kernel, Span};
+pub use kernel::{Clip, Footprint, Kernel, Ribbon, Span};
 pub use light::{MainLight, RainLight, Surroundings};
 pub use map::RainMap;
 pub use pattern::PatternScratch;

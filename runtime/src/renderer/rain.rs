@@ -4,7 +4,6 @@ use super::Memory;
 use super::channel::irradiance_at;
 use super::halos::{self, Halos};
 use super::lit_stroke::LitStroke;
-use crate::airlight::Airlight;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
@@ -224,15 +223,12 @@ pub fn medium<'a>(
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
-    let airlight = match memory.airlight.take() {
-        Some(known) if known.phase() == medium.phase() => known,
-        _ => Airlight::new(medium.phase()),
-    };
-    let mut halos = Halos::new(&airlight, &medium);
-    halos.add_lamps(task.lamps, eye, full);
-    task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash));
+    let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
+    let mut halos = Halos::new(&spreading, &medium, &field);
+    halos.add_lamps(task.lamps, eye);
+    task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
     halos.draw(camera, &memory.metres, &mut memory.picture);
-    memory.airlight = Some(airlight);
+    memory.spreading = Some(spreading);
     Ok(RainMedium { medium: Some(medium), field, light })
 }
 

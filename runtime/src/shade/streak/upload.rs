@@ -3,7 +3,7 @@
 use super::choice::Choice;
 use super::prepare::{PatternFrame, PatternLight, Prepared};
 use super::profile::Profile;
-use super::thin::tables::TableSizes;
+use super::thin::flat::TableSizes;
 use super::{StreakSet, prepare::Cosines};
 use crate::gpu::rain::PatternHead;
 use crate::parallel::prelude::*;
