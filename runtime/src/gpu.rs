@@ -9,14 +9,19 @@
 
 #![allow(dead_code)]
 
+pub(crate) mod around;
 pub(crate) mod binding;
 pub mod clock;
 pub(crate) mod cloud;
+pub(crate) mod compose;
+pub(crate) mod direct;
 pub(crate) mod frame;
 pub(crate) mod haar;
 #[cfg(test)]
 pub(crate) mod half;
 pub(crate) mod medium;
+pub(crate) mod light;
+pub(crate) mod march;
 pub(crate) mod memory;
 pub(crate) mod rain;
 pub(crate) mod readback;
@@ -27,6 +32,7 @@ pub(crate) mod spots;
 pub(crate) mod targets;
 pub(crate) mod tone;
 pub(crate) mod town;
+pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
 

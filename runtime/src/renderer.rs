@@ -2,16 +2,16 @@
 
 mod behind;
 mod channel;
-mod draw;
+pub(crate) mod draw;
 mod halos;
 mod layers;
-mod light;
-mod lit_stroke;
+pub(crate) mod light;
+pub(crate) mod lit_stroke;
 mod rain;
 mod times;
 mod town;
 mod town_rain;
-mod world;
+pub(crate) mod world;
 
 pub use behind::SkyQuality;
 pub use layers::{Layer, LayerPixels};

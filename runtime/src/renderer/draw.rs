@@ -36,11 +36,11 @@ use squall_formats::units::Radians;
 use std::sync::Arc;
 
 /// Height of the middle of what stands around the eye, that clear air is looked through to, m.
-const TOWN_M: f64 = 10.0;
+pub(crate) const TOWN_M: f64 = 10.0;
 /// The mirrors' map: half its width, its top, columns and rows.
-const MIRROR_HALF_WIDTH: f64 = 1.1;
-const MIRROR_TOP: f64 = 1.2;
-const MIRROR_SIZE: [usize; 2] = [400, 240];
+pub(crate) const MIRROR_HALF_WIDTH: f64 = 1.1;
+pub(crate) const MIRROR_TOP: f64 = 1.2;
+pub(crate) const MIRROR_SIZE: [usize; 2] = [400, 240];
 /// Beyond this distance the town's ground is as far as the air goes, m.
 const FARTHEST_GROUND_M: f32 = 4e4;
 
@@ -348,7 +348,7 @@ fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
 
 /// The direction that a camera looks in over the ground, from +x towards +y; of one that looks straight up or down, where its
 /// picture's top or bottom points.
-fn heading_of(camera: &Camera) -> Radians {
+pub(crate) fn heading_of(camera: &Camera) -> Radians {
     let level = |v: DVec3| DVec3::new(v.x, v.y, 0.0);
     let way = level(camera.forward);
     let way = if way.length_squared() > 1e-12 { way } else { level(camera.up) * -camera.forward.z.signum() };
