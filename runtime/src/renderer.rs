@@ -3,7 +3,7 @@
 mod behind;
 mod channel;
 pub(crate) mod draw;
-mod halos;
+pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
