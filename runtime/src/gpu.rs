@@ -19,9 +19,9 @@ pub(crate) mod frame;
 pub(crate) mod haar;
 #[cfg(test)]
 pub(crate) mod half;
-pub(crate) mod medium;
 pub(crate) mod light;
 pub(crate) mod march;
+pub(crate) mod medium;
 pub(crate) mod memory;
 pub(crate) mod rain;
 pub(crate) mod readback;

@@ -77,10 +77,10 @@ pub mod picture;
 pub mod place;
 pub mod point_spread;
 pub mod rain;
-mod registers;
 #[doc(hidden)]
 pub mod random;
 pub mod ranges;
+mod registers;
 pub mod relight;
 pub mod renderer;
 pub mod shade;

@@ -211,7 +211,13 @@ mod wide {
         }
 
         #[inline(always)]
-        fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], [a, b, c, d]: [f32; 4], colours: &[f32; 12]) {
+        fn lay(
+            self,
+            light: &mut [f32; 12],
+            mask: &mut [f32; 4],
+            [a, b, c, d]: [f32; 4],
+            colours: &[f32; 12],
+        ) {
             let simd = self.0;
             let first = f32x8::from_slice(simd, &[a, a, a, b, b, b, c, c]);
             let last = f32x4::from_slice(simd, &[c, d, d, d]);

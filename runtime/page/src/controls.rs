@@ -4,7 +4,6 @@ use squall_runtime::camera::Projection;
 use squall_runtime::formats::units::{Degrees, MillimetresPerHour, Radians, Seconds};
 use squall_runtime::frame::FrameQuality;
 use squall_runtime::glam::DVec3;
-use squall_runtime::shade::town::frame::Quality;
 use squall_runtime::tone::Tone;
 use squall_runtime::{Camera, Clouds, Frame, RuntimeError};
 
@@ -45,9 +44,6 @@ pub const CONTROLS: [Control; 19] = [
     control("flash", 0.0, 1.0),
     control("bloom", 0.0, 1.0),
 ];
-
-/// Rays from each point of a stroke for its direct light: an eighth of a still's, which a small picture does not show.
-const RAYS_PER_POINT: u32 = 128;
 
 /// Values of all controls, and which were turned: what was not is the view's own.
 pub(crate) struct Settings {
@@ -134,8 +130,7 @@ impl Settings {
     /// The picture that the controls ask for, from a view's.
     pub fn frame(&self, view: &Frame, size: [u32; 2]) -> Result<Frame, RuntimeError> {
         let mut frame = view.clone().camera(self.camera(&view.camera, size)?);
-        let town = Quality { samples: 1, facets: 1 };
-        frame.quality = FrameQuality { town, rays_per_point: RAYS_PER_POINT };
+        frame.quality = FrameQuality::PREVIEW;
         let rate = if self.is_on("rain") { self.value("rate_mm_per_h") } else { 0.0 };
         frame = frame.rain(MillimetresPerHour(rate));
         let (wind_x, wind_y) = (self.turned("wind_x_m_per_s"), self.turned("wind_y_m_per_s"));
@@ -177,7 +172,7 @@ impl Settings {
     pub fn tone(&self, view: Tone) -> Tone {
         let mut tone = view.brighter(self.value("exposure_stops") as f32);
         if !self.is_on("bloom") {
-            tone.glow.amount = 0.0;
+            tone.bloom.amount = 0.0;
         }
         tone
     }

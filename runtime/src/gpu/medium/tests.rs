@@ -1,7 +1,6 @@
 use super::*;
-use crate::airlight::PointBeside;
 use crate::assert_layout;
-use crate::camera::{Camera, Ray};
+use crate::camera::Camera;
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::gpu::around::Around;
 use crate::gpu::clock::Clock;

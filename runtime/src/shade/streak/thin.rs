@@ -162,7 +162,9 @@ impl Thin {
             along: tabulate_along(&along, scale),
             widths: std::array::from_fn(class_width),
             lengths: std::array::from_fn(class_length),
-            length_borders: std::array::from_fn(|class| (class_length(class) * class_length(class + 1)).sqrt()),
+            length_borders: std::array::from_fn(|class| {
+                (class_length(class) * class_length(class + 1)).sqrt()
+            }),
         }
     }
 

@@ -61,7 +61,7 @@ impl StreakSet {
 impl StreakTables {
     fn add(&mut self, prepared: &Prepared, mean: f32) -> PatternHead {
         let mut head = PatternHead::default();
-        let ([u, v], body) = (prepared.range(), &prepared.body);
+        let ([u, v], body) = (prepared.range, &prepared.body);
         let four = |a: [f64; 2], b: [f64; 2]| [a[0], a[1], b[0], b[1]].map(|value| value as f32);
         (head.body, head.range) = (four(body.u, body.v), four(u, v));
         head.light = [mean, prepared.finest as f32, 0.0, 0.0];
