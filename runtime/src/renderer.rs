@@ -11,6 +11,8 @@ mod rain;
 mod times;
 mod town;
 mod town_rain;
+#[cfg(feature = "gpu")]
+mod weather;
 pub(crate) mod world;
 
 pub use behind::SkyQuality;

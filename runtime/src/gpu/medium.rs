@@ -9,8 +9,8 @@ use super::memory::{Held, Image};
 use super::rain::{RainGroup, plain};
 use super::shader::MEDIUM;
 use super::targets::{LIGHT, METRES};
-use crate::error::RuntimeError;
 use crate::airlight::Airlight;
+use crate::error::RuntimeError;
 use crate::medium::{Medium, Phase};
 use crate::point_spread::PointSpread;
 use crate::renderer::halos::Spreading;
@@ -59,7 +59,8 @@ pub struct MediumPass {
 impl MediumPass {
     /// The pipeline.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, rain: &RainGroup) -> Self {
-        let own_layout = gpu.layout("medium", &[Slot::Uniform, Slot::Exact, Slot::Read, Slot::Exact, Slot::Exact]);
+        let own_layout =
+            gpu.layout("medium", &[Slot::Uniform, Slot::Exact, Slot::Read, Slot::Exact, Slot::Exact]);
         let target_layout = gpu
             .layout("medium's pictures", &[Slot::Flat, Slot::Exact, Slot::Store(LIGHT), Slot::Store(METRES)]);
         let module = gpu.module(&MEDIUM);

@@ -16,17 +16,17 @@ use crate::load::Asset;
 use crate::medium::{Outlook, Phase, PhaseTable};
 use crate::picture::Picture;
 use crate::rain::{Ceiling, RainField, RainMap, RainPath, RainVolume, Region, Shot};
-use crate::shade::streak::StreakSet;
 use crate::renderer::halos::Halos;
 use crate::renderer::lit_stroke::LitStroke;
+use crate::shade::streak::StreakSet;
 use crate::shade::town::light::StrokeLights;
 use crate::shade::town::line::LineLight;
 use crate::stroke::Stroke;
 use crate::world::{InScattering, Sun, WorldLight};
-use squall_formats::section::town::StreetLamp;
 use glam::{DVec2, DVec3, Vec3};
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::streak::StreakSection;
+use squall_formats::section::town::StreetLamp;
 use squall_formats::units::{Degrees, Metres, MillimetresPerHour, Seconds};
 use std::sync::Arc;
 
@@ -90,7 +90,11 @@ fn cases() -> Vec<Case> {
         Case { map: Some(map), farthest: Some(900.0), ..plain("in a map") },
         Case { phase: Phase::Table(Arc::new(PhaseTable::drops())), ..plain("drops with a bow") },
         Case { halos: true, ..plain("with halos") },
-        Case { halos: true, volume: RainVolume { ceiling, region: None }, ..plain("with halos under a ceiling") },
+        Case {
+            halos: true,
+            volume: RainVolume { ceiling, region: None },
+            ..plain("with halos under a ceiling")
+        },
     ]
 }
 

@@ -32,15 +32,7 @@ const SIZE: [u32; 2] = [160, 90];
 fn structs_lie_as_the_shaders_have_them() {
     assert_layout!(
         RAIN_FIND,
-        RainLight {
-            sun_towards,
-            sun,
-            flash_towards,
-            flash,
-            medium_flash_towards,
-            medium_flash,
-            phases
-        }
+        RainLight { sun_towards, sun, flash_towards, flash, medium_flash_towards, medium_flash, phases }
     );
     assert_layout!(
         RAIN_FIND,
@@ -305,7 +297,8 @@ fn the_layer_of_streaks_is_the_processors_thin_broad_and_hidden_ones_alike() {
             for ((found, wanted), mask) in made.layer.iter().zip(&wanted.pixels).zip(&mask) {
                 let shown = 1.0 - libm::expf(-found[3] / 2048.0);
                 for band in 0..3 {
-                    let light = if found[3] > 0.0 { found[band] / found[3] * 32.0 / unit * shown } else { 0.0 };
+                    let light =
+                        if found[3] > 0.0 { found[band] / found[3] * 32.0 / unit * shown } else { 0.0 };
                     miss += f64::from((light - wanted[band]) * (light - wanted[band]));
                     whole += f64::from(wanted[band] * wanted[band]);
                 }
