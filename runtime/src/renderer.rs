@@ -2,7 +2,7 @@
 
 mod channel;
 pub(crate) mod draw;
-mod halos;
+pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
@@ -10,6 +10,8 @@ mod rain;
 mod times;
 mod town;
 mod town_rain;
+#[cfg(feature = "gpu")]
+mod weather;
 pub(crate) mod world;
 
 pub use layers::{Layer, LayerPixels};

@@ -8,6 +8,9 @@
 //! A halo is smooth but where its light stands and where the scene's depth jumps: it is worked out at the corners of tiles of 8 × 8
 //! pixels where depth and middle of the tile agree with that, and pixel by pixel elsewhere.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::lit_stroke::LitStroke;
 use crate::airlight::{Airlight, PointBeside};
 use crate::camera::{Camera, Ray};
@@ -155,7 +158,7 @@ impl<'a> Halos<'a> {
     }
 
     /// Radiance that all lights add on a ray that ends `end` m away, before a pixel of so much light.
-    fn radiance(&self, ray: &Ray, end: f64, pixel: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn radiance(&self, ray: &Ray, end: f64, pixel: [f32; 3]) -> [f32; 3] {
         let least = f64::from(LEAST * (pixel[0] + pixel[1] + pixel[2]));
         let end = if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
         let Spreading { once, more } = self.tables;
