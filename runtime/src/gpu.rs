@@ -23,6 +23,7 @@ pub(crate) mod memory;
 pub(crate) mod readback;
 pub(crate) mod rows;
 pub(crate) mod shader;
+pub(crate) mod show;
 pub(crate) mod targets;
 pub(crate) mod volume;
 

@@ -1,5 +1,7 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
+#[cfg(feature = "gpu")]
+mod card;
 mod channel;
 pub(crate) mod draw;
 mod halos;
@@ -12,6 +14,8 @@ mod town_rain;
 pub(crate) mod world;
 
 use crate::airlight::Airlight;
+#[cfg(feature = "gpu")]
+pub use card::Backend;
 pub use layers::{Layer, LayerPixels};
 
 use crate::camera::Camera;
@@ -61,6 +65,8 @@ pub struct StormRenderer {
     scene: Scene,
     memory: Memory,
     report: FrameReport,
+    #[cfg(feature = "gpu")]
+    card: Option<card::Card>,
 }
 
 /// The parts of an asset that pictures need. What it lacks is not drawn.
@@ -111,6 +117,27 @@ struct Memory {
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
+}
+
+impl Memory {
+    /// Nothing yet.
+    fn empty() -> Result<Self, RuntimeError> {
+        Ok(Self {
+            clouds: None,
+            picture: Picture::new(1, 1)?,
+            sky: None,
+            detail: None,
+            ambient: light::Ambient::default(),
+            cells: Vec::new(),
+            flash_cells: Vec::new(),
+            surrounding: None,
+            town: town::Kept::default(),
+            airlight: None,
+            rain: Workspace::new(),
+            transmittance: Vec::new(),
+            metres: Vec::new(),
+        })
+    }
 }
 
 /// What a picture took.
@@ -181,22 +208,14 @@ impl StormRenderer {
         let patterns = StreakSet::new(&patterns);
         let rain_place = rain_place.measured_from(place.origin);
         let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
-        let memory = Memory {
-            clouds,
-            picture: Picture::new(1, 1)?,
-            sky: None,
-            detail: None,
-            ambient: light::Ambient::default(),
-            cells: Vec::new(),
-            flash_cells: Vec::new(),
-            surrounding: None,
-            town: town::Kept::default(),
-            airlight: None,
-            rain: Workspace::new(),
-            transmittance: Vec::new(),
-            metres: Vec::new(),
-        };
-        Ok(Self { scene, memory, report: FrameReport::default() })
+        let memory = Memory { clouds, ..Memory::empty()? };
+        Ok(Self {
+            scene,
+            memory,
+            report: FrameReport::default(),
+            #[cfg(feature = "gpu")]
+            card: None,
+        })
     }
 
     /// The asset.
@@ -253,6 +272,10 @@ impl StormRenderer {
     /// baked; a camera outside the view region that the asset was baked for; rain where the asset has none; a damaged row.
     pub fn render(&mut self, frame: &Frame) -> Result<&Picture, RuntimeError> {
         frame.check()?;
+        #[cfg(feature = "gpu")]
+        if self.render_on_card(frame)? {
+            return Ok(&self.memory.picture);
+        }
         self.report = self.scene.draw(frame, &mut self.memory)?;
         Ok(&self.memory.picture)
     }
