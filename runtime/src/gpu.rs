@@ -27,6 +27,7 @@ pub(crate) mod rain;
 pub(crate) mod readback;
 pub(crate) mod rows;
 pub(crate) mod shader;
+pub(crate) mod show;
 pub(crate) mod shown;
 pub(crate) mod spots;
 pub(crate) mod targets;
