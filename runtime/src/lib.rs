@@ -73,9 +73,9 @@ mod octahedron;
 pub mod picture;
 pub mod place;
 pub mod rain;
-mod registers;
 #[doc(hidden)]
 pub mod random;
+mod registers;
 pub mod relight;
 pub mod renderer;
 pub mod shade;

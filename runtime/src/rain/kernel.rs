@@ -80,7 +80,9 @@ impl Ribbon {
     pub fn lines(&self) -> impl Iterator<Item = (i32, i32, &[[f32; BLOCK]])> {
         let numbered = (self.line..).zip(&self.first);
         // No blocks, no lines.
-        numbered.zip(self.shares.chunks_exact(self.blocks.max(1))).map(|((line, &first), shares)| (line, first, shares))
+        numbered
+            .zip(self.shares.chunks_exact(self.blocks.max(1)))
+            .map(|((line, &first), shares)| (line, first, shares))
     }
 
     /// Bytes that it holds.

@@ -151,7 +151,7 @@ impl Workspace {
             return Err(RuntimeError::argument("gain", "a finite number from 0", scene.gain));
         }
         let grid = [size[0].div_ceil(TILE[0]), size[1].div_ceil(TILE[1])];
-        self.canvas.draw(camera, scene, &self.streaks, grid, picture);
+        self.canvas.draw(camera, scene, (&self.streaks, PART), grid, picture);
         Ok(())
     }
 }
@@ -161,7 +161,7 @@ impl Canvas {
         &mut self,
         camera: &Camera,
         scene: &Scene<K, L>,
-        streaks: &[Streak],
+        (streaks, part): (&[Streak], usize),
         grid: [usize; 2],
         picture: &mut Picture,
     ) {
@@ -182,7 +182,7 @@ impl Canvas {
                 *band = new();
             }
         }
-        for (number, streaks) in streaks.chunks(PART).enumerate() {
+        for (number, streaks) in streaks.chunks(part).enumerate() {
             self.prepare(camera, scene, streaks, grid, &mut ready);
             self.sort_into_tiles(grid);
             self.paint(camera, scene, &Part { streaks, ready: &ready, is_first: number == 0 }, grid, picture);
@@ -340,12 +340,7 @@ struct Brush<'a, K: Kernel, L> {
 
 impl<K: Kernel, L> Brush<'_, K, L> {
     /// Fetches a tile's streaks, and its mask and pixels, row after row, as memory is fast. A streak alone would wait for each of its rows.
-    fn open_tile(
-        &mut self,
-        part: &Part<K::Placed>,
-        mine: &[u32],
-        Clip { left, top, right, bottom }: Clip,
-    ) {
+    fn open_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], Clip { left, top, right, bottom }: Clip) {
         self.band.near.clear();
         self.band.near.extend(mine.iter().map(|&index| part.ready[index as usize]));
         let mut seen = 0;
@@ -353,7 +348,10 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             let columns = row * self.width + left as usize..row * self.width + right as usize;
             match part.is_first {
                 true => self.mask[columns.clone()].fill(0.0),
-                false => self.mask[columns.clone()].iter().step_by(3 * PER_LINE).for_each(|alpha| seen |= alpha.to_bits()),
+                false => self.mask[columns.clone()]
+                    .iter()
+                    .step_by(3 * PER_LINE)
+                    .for_each(|alpha| seen |= alpha.to_bits()),
             }
             if !mine.is_empty() {
                 self.pixels[columns].iter().step_by(PER_LINE).for_each(|pixel| seen |= pixel[0].to_bits());
@@ -417,7 +415,8 @@ impl<K: Kernel, L> Brush<'_, K, L> {
     fn hide(&mut self, streak: &Streak, clip: Clip) {
         let Some(buffer) = &self.scene.depth else { return };
         let depth = DepthLine::new(streak, &streak.footprint());
-        let [low, high] = if self.band.ribbon.columns { [clip.top, clip.bottom] } else { [clip.left, clip.right] };
+        let [low, high] =
+            if self.band.ribbon.columns { [clip.top, clip.bottom] } else { [clip.left, clip.right] };
         let Ribbon { columns, line, blocks, first, shares } = &mut self.band.ribbon;
         let numbered = (*line..).zip(first.iter());
         for ((line, &first), shares) in numbered.zip(shares.chunks_exact_mut((*blocks).max(1))) {
@@ -457,3 +456,6 @@ impl DepthLine {
         buffer.planar(x, y, || secants.at(px, py)) * inverse < 1.0
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,8 +12,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot,
-    SmoothWindow, Workspace,
+    Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene, Shelter,
+    Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;

@@ -19,12 +19,12 @@ mod prepare;
 mod profile;
 mod thin;
 
+use crate::rain::kernel::{BLOCK, Ribbon};
 use choice::Choice;
 use draw::{Lines, Wave, draw};
 use edge::EdgeTable;
 use frame::{EdgeFrame, ProductFrame};
 use prepare::{Cosines, PatternFrame, PatternLight, Prepared};
-use crate::rain::kernel::{BLOCK, Ribbon};
 use profile::{Profile, ProfileRow};
 use squall_formats::section::streak::{StreakPattern, StreakSection};
 use std::sync::OnceLock;

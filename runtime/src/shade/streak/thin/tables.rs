@@ -1,6 +1,9 @@
 //! The tables of a thin pattern: a few products, their means over a pixel for every width, slant and length.
 
-use super::{Across, BLOCK, LENGTHS, LOW_RANK, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS, blocks_of, class_length, class_width, half_of};
+use super::{
+    Across, BLOCK, LENGTHS, LOW_RANK, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS, blocks_of,
+    class_length, class_width, half_of,
+};
 use crate::shade::streak::profile::Profile;
 use squall_formats::section::streak::Pattern;
 use std::f64::consts::TAU;
@@ -138,12 +141,7 @@ fn rank_of(profiles: &[Profile], energies: &[f64], class: usize) -> usize {
 
 /// Pixels of a line at every node, of the first products: means over the shadow of a pixel on the line, a box of its own side and one
 /// of what the next lines shift the streak by.
-fn tabulate(
-    profiles: &[Profile],
-    (width, shift): (f64, f64),
-    half: usize,
-    rank: usize,
-) -> Vec<[f32; BLOCK]> {
+fn tabulate(profiles: &[Profile], (width, shift): (f64, f64), half: usize, rank: usize) -> Vec<[f32; BLOCK]> {
     let blocks = blocks_of(half);
     let mut values = vec![[0.0; BLOCK]; (PHASES + 1) * blocks * rank];
     for node in 0..=PHASES {
