@@ -30,7 +30,7 @@ use squall_runtime::shade::cloud::direct::ExactDirect;
 use squall_runtime::shade::cloud::{
     Cells, CloudMarch, MarchQuality, WideRay, between, corners, direction_to,
 };
-use squall_runtime::single_scatter::{self, DirectSettings};
+use squall_runtime::single_scatter::{self, DirectRays, DirectSettings};
 use squall_runtime::transport::direct::Light;
 use std::time::Instant;
 
@@ -283,7 +283,7 @@ fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera)
         .collect();
     let [fewest, most] = CELL_RAYS_PER_LIGHT;
     let rays_per_point = (CELL_RAYS / lights.len().max(1)).clamp(fewest, most) as u32;
-    let settings = DirectSettings { rays_per_point, ..DirectSettings::default() };
+    let settings = DirectSettings { rays: DirectRays::PerPoint(rays_per_point), ..DirectSettings::default() };
     let mut j = vec![0.0; cloud.shape.len()];
     single_scatter::add_direct(cloud, relighter.extinction_scale(), lights, &to_viewer, settings, &mut j);
     j

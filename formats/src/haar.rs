@@ -100,6 +100,14 @@ impl Haar {
         self.len() == 0
     }
 
+    /// The pairing levels along `axis` (0 x, 1 y, 2 z), finest first: how many entries are paired, and cosine and sine of the rotation
+    /// that pairs ordinary ones, then of the last pair's. [`Haar::inverse`] turns (mean, difference) back into the entries
+    /// (cos · mean − sin · difference, sin · mean + cos · difference).
+    pub fn rotations(&self, axis: usize) -> impl Iterator<Item = (usize, [f32; 4])> {
+        let levels = self.axes[axis].levels.iter();
+        levels.map(|(count, pair, last)| (*count, [pair.cos, pair.sin, last.cos, last.sin]))
+    }
+
     fn depth(&self) -> usize {
         self.axes.iter().map(|axis| axis.levels.len()).max().unwrap_or(0)
     }

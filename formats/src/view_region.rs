@@ -92,6 +92,16 @@ impl ViewRegionFrame {
         Self { centre, half, axes: [ahead, first, ahead.cross(first)] }
     }
 
+    /// The middle of the box and its half edges, m.
+    pub fn middle_and_half(&self) -> [[f64; 3]; 2] {
+        [self.centre.to_array(), self.half.to_array()]
+    }
+
+    /// D, the direction from the grid's middle to the box's, and two axes across it.
+    pub fn axes(&self) -> [[f64; 3]; 3] {
+        self.axes.map(|axis| axis.to_array())
+    }
+
     /// The polynomials at a cell whose middle is `cell`, m, in unit direction `towards` a viewpoint: 1, √3 p, √3 q,
     /// (√5/2)(3p² − 1), 3pq, (√5/2)(3q² − 1), which are orthonormal over p and q evenly spread in −1…1, as the viewpoints of
     /// a distant box that faces the cell are.

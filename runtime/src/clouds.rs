@@ -12,6 +12,8 @@
 //!
 //! Light is linear: what a stroke of brightness 1 does towards a viewer is kept, and brightness and colour scale it.
 
+#[cfg(feature = "gpu")]
+pub(crate) mod card;
 mod half;
 mod kept;
 mod light;
@@ -20,6 +22,8 @@ mod sky;
 mod solve;
 
 pub use half::f16_bits;
+#[cfg(feature = "gpu")]
+pub(crate) use half::f16_value;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
 
@@ -27,7 +31,7 @@ use crate::error::RuntimeError;
 use crate::frame::Flash;
 use crate::load::Asset;
 use crate::relight::{BRIGHTEST, PointLight, RelightBuffers, RelightOptions, Relighter};
-use crate::single_scatter::DirectSettings;
+use crate::single_scatter::{DirectRays, DirectSettings};
 use crate::stroke::Strokes;
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
@@ -53,7 +57,7 @@ pub struct Clouds {
     strokes: Arc<Strokes>,
     buffers: RelightBuffers,
     kept: Kept,
-    rays_per_point: u32,
+    rays: DirectRays,
     #[cfg(feature = "live")]
     solver: Option<crate::live::LiveSolver>,
 }
@@ -81,7 +85,7 @@ impl Clouds {
             strokes,
             buffers: RelightBuffers::default(),
             kept: Kept::default(),
-            rays_per_point: STILL_RAYS,
+            rays: DirectRays::STILL,
             #[cfg(feature = "live")]
             solver: None,
         })
@@ -131,9 +135,9 @@ impl Clouds {
         self.relighter.share_lit()
     }
 
-    /// Rays from each point of a stroke for its direct light, 1024 unless set; the error falls with about the .7th power.
-    pub fn set_rays_per_point(&mut self, rays: u32) {
-        self.rays_per_point = rays.max(1);
+    /// Rays of a stroke's direct light, [`DirectRays::STILL`] unless set.
+    pub fn set_rays(&mut self, rays: DirectRays) {
+        self.rays = rays;
     }
 
     /// The light of given points: scattered light of all orders from the rows (and, with feature `live`, solved for where there
@@ -322,7 +326,7 @@ impl Clouds {
         viewer: Viewer,
         report: &mut LightReport,
     ) -> Result<&[f32], RuntimeError> {
-        let rays = self.rays_per_point;
+        let rays = self.rays;
         let at = match self.kept.find(stroke, viewer, rays) {
             Some(at) => {
                 report.kept += 1;
@@ -333,7 +337,7 @@ impl Clouds {
                 // One point a segment: what the bake prunes its sources to.
                 let light = self.light(&stroke.lights(0.0))?;
                 let mut j = vec![0.0; self.cloud().shape.len()];
-                let settings = DirectSettings { rays_per_point: rays, ..DirectSettings::default() };
+                let settings = DirectSettings { rays, ..DirectSettings::default() };
                 light.towards(viewer, settings, &mut j);
                 let own = LightReport {
                     lights: light.lights,
@@ -351,9 +355,6 @@ impl Clouds {
         Ok(j)
     }
 }
-
-/// Rays from each point of a stroke in a still picture.
-pub(crate) const STILL_RAYS: u32 = 1024;
 
 /// Light per cell with the cell's extinction behind it.
 pub(crate) fn with_extinction(cloud: &Cloud, light: &[Vec3], cells: &mut Vec<Vec4>) {

@@ -51,6 +51,7 @@
 //! | `mmap` | yes | maps files into memory instead of reading them |
 //! | `rayon` | yes | spreads work over the caller's rayon pool; results do not depend on the number of threads |
 //! | `live` | no | solves for the light of strokes that no baked row answers for |
+//! | `gpu` | no | frames on a graphics card, through wgpu: `gpu::Gpu` |
 //! | `simd` | no | the machine's widest registers for the rain's medium, found when it runs; the same bytes without |
 #![deny(unsafe_code)]
 
@@ -63,6 +64,8 @@ pub mod depth;
 pub mod error;
 pub mod frame;
 pub mod frame_rain;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 #[doc(hidden)]
 pub mod in_scattered;
 pub mod load;
@@ -72,9 +75,11 @@ pub mod noise;
 mod octahedron;
 pub mod picture;
 pub mod place;
+pub mod point_spread;
 pub mod rain;
 #[doc(hidden)]
 pub mod random;
+pub mod ranges;
 mod registers;
 pub mod relight;
 pub mod renderer;
@@ -102,3 +107,5 @@ pub use squall_transport as transport;
 pub use squall_transport::live;
 #[doc(hidden)]
 pub use squall_transport::{math, parallel, phase};
+#[cfg(feature = "gpu")]
+pub use wgpu;

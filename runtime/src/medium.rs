@@ -17,6 +17,8 @@ mod apply;
 mod choice;
 mod drops;
 mod phase;
+#[cfg(feature = "gpu")]
+mod upload;
 
 pub use choice::{MediumChoice, MediumForm, PhaseChoice};
 pub use drops::PhaseTable;
@@ -157,7 +159,7 @@ impl Medium {
             }
             _ => {
                 let piece = |s: &Shell| [s.extinction, s.near * secant, distance.min(s.far * secant)];
-                volume.weighted(ray, self.drawn.iter().map(piece))
+                volume.weighted(ray, &mut self.drawn.iter().map(piece))
             }
         };
         (self.extinction.0 * volume.path(ray, 0.0, distance) - drawn).max(0.0)

@@ -32,6 +32,8 @@ mod scatter;
 mod search;
 pub mod shelter;
 mod streak;
+#[cfg(feature = "gpu")]
+mod upload;
 pub mod volume;
 mod window;
 

@@ -1,18 +1,25 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
+#[cfg(feature = "gpu")]
+mod card;
 mod channel;
-mod draw;
-mod halos;
+pub(crate) mod draw;
+pub(crate) mod halos;
 mod layers;
-mod light;
-mod lit_stroke;
+pub(crate) mod light;
+pub(crate) mod lit_stroke;
 mod rain;
+mod times;
 mod town;
 mod town_rain;
-mod world;
+#[cfg(feature = "gpu")]
+mod weather;
+pub(crate) mod world;
 
-use crate::airlight::Airlight;
+#[cfg(feature = "gpu")]
+pub use card::Backend;
 pub use layers::{Layer, LayerPixels};
+pub use times::{Clock, FrameTimes};
 
 use crate::camera::Camera;
 use crate::clouds::{Clouds, SunSource};
@@ -61,6 +68,8 @@ pub struct StormRenderer {
     scene: Scene,
     memory: Memory,
     report: FrameReport,
+    #[cfg(feature = "gpu")]
+    card: Option<card::Card>,
 }
 
 /// The parts of an asset that pictures need. What it lacks is not drawn.
@@ -107,10 +116,33 @@ struct Memory {
     flash_cells: Vec<Vec4>,
     surrounding: Option<world::Surrounding>,
     town: town::Kept,
-    airlight: Option<Airlight>,
+    spreading: Option<halos::Spreading>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
+    clock: Option<Clock>,
+}
+
+impl Memory {
+    /// Nothing yet.
+    fn empty() -> Result<Self, RuntimeError> {
+        Ok(Self {
+            clouds: None,
+            picture: Picture::new(1, 1)?,
+            sky: None,
+            detail: None,
+            ambient: light::Ambient::default(),
+            cells: Vec::new(),
+            flash_cells: Vec::new(),
+            surrounding: None,
+            town: town::Kept::default(),
+            spreading: None,
+            rain: Workspace::new(),
+            transmittance: Vec::new(),
+            metres: Vec::new(),
+            clock: None,
+        })
+    }
 }
 
 /// What a picture took.
@@ -131,6 +163,8 @@ pub struct FrameReport {
     pub sun: SunSource,
     /// Whether the asset lacks light of the sky's hemispheres, so that its cloud stays dark under a bright sky.
     pub sky_missing: bool,
+    /// How long its parts took, where there is a clock ([`StormRenderer::set_clock`]).
+    pub times: FrameTimes,
 }
 
 impl StormRenderer {
@@ -181,22 +215,14 @@ impl StormRenderer {
         let patterns = StreakSet::new(&patterns);
         let rain_place = rain_place.measured_from(place.origin);
         let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
-        let memory = Memory {
-            clouds,
-            picture: Picture::new(1, 1)?,
-            sky: None,
-            detail: None,
-            ambient: light::Ambient::default(),
-            cells: Vec::new(),
-            flash_cells: Vec::new(),
-            surrounding: None,
-            town: town::Kept::default(),
-            airlight: None,
-            rain: Workspace::new(),
-            transmittance: Vec::new(),
-            metres: Vec::new(),
-        };
-        Ok(Self { scene, memory, report: FrameReport::default() })
+        let memory = Memory { clouds, ..Memory::empty()? };
+        Ok(Self {
+            scene,
+            memory,
+            report: FrameReport::default(),
+            #[cfg(feature = "gpu")]
+            card: None,
+        })
     }
 
     /// The asset.
@@ -247,12 +273,37 @@ impl StormRenderer {
         self.memory.clouds.as_mut()
     }
 
+    /// Has the parts of pictures timed by `clock`: [`FrameReport::times`].
+    ///
+    /// ```
+    /// # use squall_runtime::StormRenderer;
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+    /// fn seconds() -> f64 {
+    ///     use std::{sync::LazyLock, time::Instant};
+    ///     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    ///     START.elapsed().as_secs_f64()
+    /// }
+    /// let mut renderer = StormRenderer::open(path)?;
+    /// let frame = renderer.frame().expect("the asset brings a view");
+    /// renderer.set_clock(Some(seconds));
+    /// renderer.render(&frame)?;
+    /// assert!(renderer.report().times.named().iter().map(|(_, time)| time).sum::<f64>() > 0.0);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    pub fn set_clock(&mut self, clock: Option<Clock>) {
+        self.memory.clock = clock;
+    }
+
     /// Draws `frame`: linear radiance, W/(m² sr), row 0 on top. The picture stays until the next call.
     ///
     /// Errors: a number out of range, by name; a stroke that the asset lacks or, without feature `live`, whose light was not
     /// baked; a camera outside the view region that the asset was baked for; rain where the asset has none; a damaged row.
     pub fn render(&mut self, frame: &Frame) -> Result<&Picture, RuntimeError> {
         frame.check()?;
+        #[cfg(feature = "gpu")]
+        if self.render_on_card(frame)? {
+            return Ok(&self.memory.picture);
+        }
         self.report = self.scene.draw(frame, &mut self.memory)?;
         Ok(&self.memory.picture)
     }

@@ -5,6 +5,14 @@
 //! that no pattern is shared. \[dobashi\] eq. 1, first term, with the extinction that it misses and cell means in place of
 //! values at cell centres.
 
+mod budget;
+#[cfg(feature = "gpu")]
+mod shares;
+
+pub use budget::DirectRays;
+#[cfg(feature = "gpu")]
+pub(crate) use shares::beam_shares;
+
 use crate::parallel::map_chunks;
 use crate::phase::PreparedHg;
 use crate::random::Random;
@@ -12,19 +20,20 @@ use crate::relight::PointLight;
 use crate::transport::Cloud;
 use crate::transport::direct::{Light, PowerRay, Tally, Tracer, fibonacci};
 use glam::{DQuat, DVec3};
+use std::collections::BTreeMap;
 
 /// How finely to work out direct light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DirectSettings {
-    /// Rays from each point of the stroke; the error falls with about the 0.7th power of their number.
-    pub rays_per_point: u32,
+    /// Rays from the points of the stroke.
+    pub rays: DirectRays,
     /// Seed of the rays' turns.
     pub seed: u64,
 }
 
 impl Default for DirectSettings {
     fn default() -> Self {
-        Self { rays_per_point: 256, seed: 1 }
+        Self { rays: DirectRays::PerPoint(256), seed: 1 }
     }
 }
 
@@ -77,7 +86,7 @@ impl Tally for Fluence {
 /// use glam::DVec3;
 /// use squall_formats::GridShape;
 /// use squall_runtime::relight::PointLight;
-/// use squall_runtime::single_scatter::{DirectSettings, add_direct};
+/// use squall_runtime::single_scatter::{DirectRays, DirectSettings, add_direct};
 /// use squall_runtime::transport::{Boundary, Cloud};
 ///
 /// // Thin air that scatters evenly, a light at its corner.
@@ -91,7 +100,7 @@ impl Tally for Fluence {
 ///     boundary: Boundary::Open,
 /// };
 /// let light = PointLight { position: DVec3::splat(-80.0), intensity: 5.0 };
-/// let settings = DirectSettings { rays_per_point: 200_000, ..DirectSettings::default() };
+/// let settings = DirectSettings { rays: DirectRays::PerPoint(200_000), ..DirectSettings::default() };
 /// let mut j = vec![0.0; 729];
 /// add_direct(&cloud, 1.0, &[light], &vec![[0.0, 0.0, 1.0]; 729], settings, &mut j);
 /// // In the middle of the grid, √3 · 80 m away: J = I / (4π r²).
@@ -110,8 +119,31 @@ pub fn add_direct(
     assert!(j.len() == cloud.shape.len() && to_viewer.len() == cloud.shape.len());
     let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
     let tally = || TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
-    add_rays(cloud, extinction_scale, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
+    let whole = (cloud, extinction_scale, &[][..]);
+    add_rays(whole, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
 }
+
+/// [`add_direct`] for pictures: `distances` holds, a cell, how many steps the nearest cell with cloud is away. Cells that no lookup
+/// between the centres of cells reads get nothing, and a ray ends with [`LEAST`] of its light.
+///
+/// Panics when an array is not one grid long.
+pub(crate) fn add_direct_near(
+    (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
+    lights: &[PointLight],
+    to_viewer: &[[f32; 3]],
+    settings: DirectSettings,
+    j: &mut [f32],
+) {
+    let cells = cloud.shape.len();
+    assert!(j.len() == cells && to_viewer.len() == cells && distances.len() == cells);
+    let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
+    let tally = || TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
+    let near = (cloud, extinction_scale, distances);
+    add_rays(near, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
+}
+
+/// Share of a ray's light, as the transport behind the rows counts it, that a picture's ray ends with.
+pub(crate) const LEAST: f32 = 1e-4;
 
 /// Rays through every cell face by which a beam leaves the grid, along each of its two axes.
 const BEAM_SAMPLES: u32 = 2;
@@ -161,13 +193,13 @@ pub fn add_direct_fluence(
 ) {
     assert!(fluence.len() == cloud.shape.len());
     let tally = || Fluence(vec![0.0; cloud.shape.len()]);
-    add_rays(cloud, extinction_scale, lights, settings, (&tally, &|tally: Fluence| tally.0), fluence);
+    let whole = (cloud, extinction_scale, &[][..]);
+    add_rays(whole, lights, settings, (&tally, &|tally: Fluence| tally.0), fluence);
 }
 
-/// Follows every light's rays into tallies and adds what those hold, per cell volume, to `sums`.
+/// Follows every light's rays into tallies and adds what those hold, per cell volume, to `sums`; without distances through all cells.
 fn add_rays<T: Tally>(
-    cloud: &Cloud,
-    extinction_scale: f64,
+    (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
     lights: &[PointLight],
     settings: DirectSettings,
     (tally, sums_of): (&(dyn Fn() -> T + Sync), &(dyn Fn(T) -> Vec<f32> + Sync)),
@@ -175,18 +207,25 @@ fn add_rays<T: Tally>(
 ) {
     let tracer = Tracer::new(cloud, extinction_scale);
     let share = 1.0 / cloud.cell_volume() as f32;
-    let count = settings.rays_per_point.max(1) as usize;
-    let directions: Vec<DVec3> = (0..count).map(|i| fibonacci(i, count)).collect();
+    let rays = settings.rays.of(lights);
+    let mut spheres: BTreeMap<u32, Vec<DVec3>> = BTreeMap::new();
+    for &count in &rays {
+        let sphere = || (0..count as usize).map(|i| fibonacci(i, count as usize)).collect();
+        spheres.entry(count).or_insert_with(sphere);
+    }
     let piece = |number: usize, lights: &[PointLight]| -> Vec<f32> {
         let mut tally = tally();
         for (i, light) in lights.iter().enumerate() {
-            let turn = random_turn(settings.seed, (number * POINTS_PER_PIECE + i) as u64);
-            let power = light.intensity * 4.0 * std::f64::consts::PI / count as f64;
-            for &direction in &directions {
-                tracer.trace(
-                    PowerRay { origin: light.position, direction: turn * direction, power },
-                    &mut tally,
-                );
+            let index = number * POINTS_PER_PIECE + i;
+            let turn = random_turn(settings.seed, index as u64);
+            let power = light.intensity * 4.0 * std::f64::consts::PI / f64::from(rays[index]);
+            for &direction in &spheres[&rays[index]] {
+                let ray = PowerRay { origin: light.position, direction: turn * direction, power };
+                if distances.is_empty() {
+                    tracer.trace(ray, &mut tally);
+                } else {
+                    tracer.trace_near(ray, distances, LEAST, &mut tally);
+                }
             }
         }
         sums_of(tally)
@@ -200,7 +239,7 @@ fn add_rays<T: Tally>(
 }
 
 /// A rotation uniform over all rotations \[shoemake\].
-fn random_turn(seed: u64, number: u64) -> DQuat {
+pub(crate) fn random_turn(seed: u64, number: u64) -> DQuat {
     let mut random = Random::from_parts(&[seed, number]);
     let (a, b, c) = (random.unit(), random.unit(), random.unit());
     let (low, high) = ((1.0 - a).sqrt(), a.sqrt());
@@ -228,7 +267,7 @@ mod tests {
         };
         let light = PointLight { position: DVec3::ZERO, intensity: 7.0 };
         let mut j = vec![0.0; 1000];
-        let settings = DirectSettings { rays_per_point: 400_000, ..DirectSettings::default() };
+        let settings = DirectSettings { rays: DirectRays::PerPoint(400_000), ..DirectSettings::default() };
         add_direct(&cloud, 1.0, &[light], &vec![[0.0, 0.0, 1.0]; 1000], settings, &mut j);
         for x in [5, 15, 30] {
             let distance = 10.0 * (x as f64 + 0.5);

@@ -11,9 +11,11 @@
 //! | E      | `irradiance` | W/m²      |
 //! | p      | [`Phase`]    | 1/sr      |
 
-mod degrees;
+pub(crate) mod degrees;
 mod estimate;
 mod stored;
+#[cfg(feature = "gpu")]
+pub(crate) mod upload;
 
 use crate::camera::Ray;
 use crate::medium::Phase;

@@ -68,7 +68,7 @@ fn strokes_with_other_seeds_light_the_sample_storm_all_of_them() {
     let asset = Asset::open(path).unwrap();
     let renderer = StormRenderer::new(&asset).unwrap();
     let mut clouds = Clouds::new(&asset).unwrap();
-    clouds.set_rays_per_point(64);
+    clouds.set_rays(squall_runtime::single_scatter::DirectRays::PerPoint(64));
     let mut cells = vec![[0.0; 4]; clouds.cloud().shape.len()];
     let (mut lit, mut from_rows) = (0, 0);
     for number in 0..8 {

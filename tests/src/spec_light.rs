@@ -5,7 +5,7 @@ use crate::root;
 use glam::DVec3;
 use squall_runtime::Asset;
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
-use squall_runtime::single_scatter::{DirectSettings, add_direct};
+use squall_runtime::single_scatter::{DirectRays, DirectSettings, add_direct};
 use std::f64::consts::PI;
 
 /// Bytes and how far they have been read.
@@ -294,7 +294,7 @@ fn light_worked_out_from_the_specifications_words_is_the_runtimes() {
     let to_viewer: Vec<[f32; 3]> =
         (0..cells).map(|cell| unit_to_viewpoint(&grid, cell).map(|v| v as f32)).collect();
     let mut rays = vec![0.0; cells];
-    let settings = DirectSettings { rays_per_point: 400_000, seed: 3 };
+    let settings = DirectSettings { rays: DirectRays::PerPoint(400_000), seed: 3 };
     add_direct(relighter.cloud(), relighter.extinction_scale(), &lights, &to_viewer, settings, &mut rays);
 
     // Rows: Haar coefficients summed with their weights, then each plane transformed back.

@@ -6,7 +6,7 @@ use arbitrary::{Result, Unstructured};
 use glam::DVec3;
 use libfuzzer_sys::fuzz_target;
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
-use squall_runtime::single_scatter::{DirectSettings, add_direct};
+use squall_runtime::single_scatter::{DirectRays, DirectSettings, add_direct};
 use squall_runtime::verify::verify;
 use squall_runtime_fuzz::{asset, cloud, cloud_section, number, numbers, response};
 
@@ -57,7 +57,7 @@ fn relight(u: &mut Unstructured<'_>) -> Result<()> {
     }
     let mut j = vec![0.0; extinction.len()];
     let towards = vec![[0.6, 0.0, 0.8]; extinction.len()];
-    let settings = DirectSettings { rays_per_point: 16, seed: u.arbitrary()? };
+    let settings = DirectSettings { rays: DirectRays::PerPoint(16), seed: u.arbitrary()? };
     add_direct(relighter.cloud(), relighter.extinction_scale(), &lights, &towards, settings, &mut j);
     assert!(sound(&j));
     Ok(())

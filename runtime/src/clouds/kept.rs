@@ -1,6 +1,7 @@
 //! The light of strokes that were asked for before: J per cell of a stroke of brightness 1, towards a viewer.
 
 use super::{LightReport, Viewer};
+use crate::single_scatter::DirectRays;
 use crate::stroke::Stroke;
 use std::sync::Arc;
 
@@ -16,14 +17,14 @@ pub(super) struct Kept {
 struct Entry {
     stroke: Arc<Stroke>,
     viewer: Viewer,
-    rays: u32,
+    rays: DirectRays,
     light: (Vec<f32>, LightReport),
     used: u64,
 }
 
 impl Kept {
     /// Where the light of `stroke` is kept, if it is.
-    pub fn find(&mut self, stroke: &Arc<Stroke>, viewer: Viewer, rays: u32) -> Option<usize> {
+    pub fn find(&mut self, stroke: &Arc<Stroke>, viewer: Viewer, rays: DirectRays) -> Option<usize> {
         self.clock += 1;
         // The segments decide: the colour scales light as brightness does.
         let same = |entry: &Entry| {
@@ -40,7 +41,7 @@ impl Kept {
         &mut self,
         stroke: Arc<Stroke>,
         viewer: Viewer,
-        rays: u32,
+        rays: DirectRays,
         light: (Vec<f32>, LightReport),
     ) -> usize {
         let bytes = |entry: &Entry| size_of_val(entry.light.0.as_slice());
@@ -64,19 +65,21 @@ mod tests {
     use super::*;
     use glam::DVec3;
 
+    const EIGHT: DirectRays = DirectRays::PerPoint(8);
+
     #[test]
     fn light_is_found_again_for_the_same_stroke_and_viewer_alone() {
         let stroke = |x: f64| Arc::new(Stroke::from_points(&[DVec3::X * x], 1.0, [1.0; 3]).unwrap());
         let (viewer, other) = (Viewer::At(DVec3::ZERO), Viewer::At(DVec3::ONE));
         let mut kept = Kept::default();
-        let at = kept.insert(stroke(1.0), viewer, 8, (vec![3.0], LightReport::default()));
+        let at = kept.insert(stroke(1.0), viewer, EIGHT, (vec![3.0], LightReport::default()));
         assert_eq!(kept.at(at).0, [3.0]);
-        assert_eq!(kept.find(&stroke(1.0), viewer, 8), Some(at));
+        assert_eq!(kept.find(&stroke(1.0), viewer, EIGHT), Some(at));
         let red = Arc::new((*stroke(1.0)).clone().colored([3.0, 0.0, 0.0]));
-        assert_eq!(kept.find(&red, viewer, 8), Some(at));
-        assert_eq!(kept.find(&stroke(2.0), viewer, 8), None);
-        assert_eq!(kept.find(&stroke(1.0), other, 8), None);
-        assert_eq!(kept.find(&stroke(1.0), viewer, 9), None);
+        assert_eq!(kept.find(&red, viewer, EIGHT), Some(at));
+        assert_eq!(kept.find(&stroke(2.0), viewer, EIGHT), None);
+        assert_eq!(kept.find(&stroke(1.0), other, EIGHT), None);
+        assert_eq!(kept.find(&stroke(1.0), viewer, DirectRays::PerPoint(9)), None);
     }
 
     #[test]
@@ -86,12 +89,12 @@ mod tests {
         let mut kept = Kept::default();
         let third = || vec![0.0; MOST_BYTES / 12];
         for x in [1.0, 2.0, 3.0] {
-            assert_eq!(kept.find(&stroke(x), viewer, 1), None);
-            kept.insert(stroke(x), viewer, 1, (third(), LightReport::default()));
+            assert_eq!(kept.find(&stroke(x), viewer, EIGHT), None);
+            kept.insert(stroke(x), viewer, EIGHT, (third(), LightReport::default()));
         }
-        assert!(kept.find(&stroke(1.0), viewer, 1).is_some());
-        kept.insert(stroke(4.0), viewer, 1, (third(), LightReport::default()));
-        let found = [1.0, 2.0, 3.0, 4.0].map(|x| kept.find(&stroke(x), viewer, 1).is_some());
+        assert!(kept.find(&stroke(1.0), viewer, EIGHT).is_some());
+        kept.insert(stroke(4.0), viewer, EIGHT, (third(), LightReport::default()));
+        let found = [1.0, 2.0, 3.0, 4.0].map(|x| kept.find(&stroke(x), viewer, EIGHT).is_some());
         assert_eq!(found, [true, false, true, true]);
     }
 }

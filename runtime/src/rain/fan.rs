@@ -56,7 +56,7 @@ impl<'a> RainFan<'a> {
         let eye = camera.position;
         let mut fan = Self { field, eye, spokes: Vec::new(), first: 1.0, nodes: 0 };
         let Some(PlacedMap { map, drift, .. }) = field.map else { return fan };
-        let (origin, cell, size) = map.grid();
+        let (origin, cell, size) = map.cells();
         if size[0] + size[1] <= SMALL {
             return fan;
         }
@@ -90,7 +90,7 @@ impl<'a> RainFan<'a> {
     fn spoke(&self, number: usize) -> &[f32] {
         self.spokes[number].get_or_init(|| {
             let Some(PlacedMap { map, drift, .. }) = self.field.map else { return Box::default() };
-            let (origin, cell, size) = map.grid();
+            let (origin, cell, size) = map.cells();
             let angle = TAU / self.spokes.len() as f64;
             let (sin, cos) = libm::sincos(angle * number as f64);
             let ahead = DVec2::new(cos, sin);
@@ -214,7 +214,7 @@ impl RainPath for RainFan<'_> {
         }
     }
 
-    fn weighted(&self, ray: &Ray, pieces: impl Iterator<Item = [f64; 3]>) -> f64 {
+    fn weighted(&self, ray: &Ray, pieces: &mut dyn Iterator<Item = [f64; 3]>) -> f64 {
         match self.over(ray) {
             Some(over) => {
                 pieces.map(|[factor, from, to]| factor * self.path_over(&over, ray, from, to)).sum()
@@ -302,7 +302,7 @@ mod tests {
         let ray = Ray { origin: eye, direction: DVec3::new(0.8, 0.6, 0.0) };
         let whole = fan.path(&ray, 0.0, f64::INFINITY);
         let pieces = [[1.0, 0.0, 333.0], [1.0, 333.0, 1234.5], [1.0, 1234.5, f64::INFINITY]];
-        assert!(whole > 10.0 && (fan.weighted(&ray, pieces.into_iter()) / whole - 1.0).abs() < 1e-9);
+        assert!(whole > 10.0 && (fan.weighted(&ray, &mut pieces.into_iter()) / whole - 1.0).abs() < 1e-9);
         let other = Ray { origin: eye + DVec3::X, ..ray };
         assert_eq!(fan.path(&other, 5.0, 900.0), field.path(&other, 5.0, 900.0));
         let up = Ray { origin: eye, direction: DVec3::Z };

@@ -1,5 +1,8 @@
 //! Where it rains and how much: what drops, medium and whoever looks through rain ask, so that they agree.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::map::RainMap;
 use super::volume::RainVolume;
 use crate::camera::Ray;
@@ -22,7 +25,7 @@ pub trait RainPath: Sync {
     /// Metres of full rain on a ray between the distances `from` ≥ 0 and `to`.
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64;
     /// Σ factor · [`RainPath::path`] over pieces of one ray: factor, from, to.
-    fn weighted(&self, ray: &Ray, pieces: impl Iterator<Item = [f64; 3]>) -> f64 {
+    fn weighted(&self, ray: &Ray, pieces: &mut dyn Iterator<Item = [f64; 3]>) -> f64 {
         pieces.map(|[factor, from, to]| factor * self.path(ray, from, to)).sum()
     }
 }

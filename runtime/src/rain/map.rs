@@ -8,6 +8,9 @@
 //! Columns are upright: what falls and what moves the map is carried by the same wind, so that in the air's own frame every drop
 //! falls straight down through one place of the map, and belongs to the rain all its life or never.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::volume::Ceiling;
 use crate::camera::Ray;
 use crate::error::RuntimeError;
@@ -164,7 +167,7 @@ impl RainMap {
     }
 
     /// Its lowest corner, the edge of its cells, and how many they are.
-    pub(super) fn grid(&self) -> (DVec2, f64, [usize; 2]) {
+    pub(super) fn cells(&self) -> (DVec2, f64, [usize; 2]) {
         (self.origin, self.cell, self.size)
     }
 

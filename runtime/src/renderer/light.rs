@@ -1,6 +1,6 @@
 //! From the asset's rows to light per cell, in three colours, towards one viewer.
 
-use super::FrameReport;
+use super::{FrameReport, FrameTimes};
 use crate::camera::Ray;
 use crate::clouds::{Clouds, SunSource, Viewer, with_extinction};
 use crate::error::RuntimeError;
@@ -79,7 +79,7 @@ pub fn light_cells(
     (cells, flash_cells): (&mut Vec<Vec4>, &mut Vec<Vec4>),
 ) -> Result<FrameReport, RuntimeError> {
     let viewer = Viewer::from(&frame.camera);
-    clouds.set_rays_per_point(frame.quality.rays_per_point);
+    clouds.set_rays(frame.quality.rays);
     let mut light = vec![Vec3::ZERO; clouds.cloud().shape.len()];
     let lit = clouds.add_flashes(&frame.flashes, viewer, &mut light)?;
     with_extinction(clouds.cloud(), &light, flash_cells);
@@ -94,6 +94,7 @@ pub fn light_cells(
         streaks: 0,
         sun: of_sky.sun,
         sky_missing: !of_sky.whole,
+        times: FrameTimes::default(),
     })
 }
 

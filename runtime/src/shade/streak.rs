@@ -18,6 +18,8 @@ mod frame;
 mod prepare;
 mod profile;
 mod thin;
+#[cfg(feature = "gpu")]
+pub(crate) mod upload;
 
 use crate::rain::kernel::{BLOCK, Ribbon};
 use choice::Choice;

@@ -234,7 +234,7 @@ fn views_at_the_ends_of_their_ranges_are_drawn_with_finite_light_or_refused_by_n
         view.rain.rate_mm_per_h = 10.0;
         change(&mut view);
         let mut frame = Frame::from(&view);
-        frame.quality.rays_per_point = 64;
+        frame.quality.rays = squall_runtime::single_scatter::DirectRays::PerPoint(64);
         match renderer.render(&frame) {
             Ok(picture) => {
                 let bad = picture.pixels.iter().flatten().filter(|v| !(v.is_finite() && **v >= 0.0)).count();

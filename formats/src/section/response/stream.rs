@@ -137,6 +137,26 @@ pub fn accumulate(
     })
 }
 
+/// Hands every coefficient of a plane but its first, the mean, to `each`: where it belongs, below `cells`, and its value.
+///
+/// Errors: those of [`accumulate`].
+pub fn each_coefficient(
+    plane: &CoefficientPlane<'_>,
+    codec: Codec,
+    cells: usize,
+    mut each: impl FnMut(usize, f32),
+) -> Result<(), ReadError> {
+    walk(plane, codec, cells, |index, coefficient| {
+        let value = match coefficient {
+            Coefficient::Steps(steps) => plane.step * f32::from(steps),
+            Coefficient::Exact(value) => value,
+        };
+        if value != 0.0 {
+            each(index, value);
+        }
+    })
+}
+
 /// Whether a plane could be added to a grid of `cells`; the errors of [`accumulate`], without its work.
 pub fn check_stream(plane: &CoefficientPlane<'_>, codec: Codec, cells: usize) -> Result<(), ReadError> {
     walk(plane, codec, cells, |_, _| ())

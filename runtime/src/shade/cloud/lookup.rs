@@ -109,12 +109,13 @@ impl CellCubes {
         (0..8).fold(Vec4::ZERO, |sum, i| sum + cells[at[i]] * weights[i]).truncate().to_array()
     }
 
-    /// Metres from a place to where its cube of centres ends along `direction`.
+    /// Metres from a place along `direction` to where it leaves its cube of centres and all around it that are fewer than `cubes`
+    /// steps away.
     #[inline]
-    pub fn to_next_centres(&self, point: Vec3, direction: Vec3) -> f32 {
+    pub fn to_leave(&self, point: Vec3, direction: Vec3, cubes: u8) -> f32 {
         let (at, way) = ((point - self.origin) / self.cell, direction / self.cell);
-        let low = (at - 0.5).floor() + 0.5;
-        let ahead = Vec3::select(way.cmpgt(Vec3::ZERO), low + 1.0 - at, low - at) / way;
+        let (low, cubes) = ((at - 0.5).floor() + 0.5, f32::from(cubes));
+        let ahead = Vec3::select(way.cmpgt(Vec3::ZERO), low + cubes - at, low + 1.0 - cubes - at) / way;
         let ahead = Vec3::select(ahead.is_nan_mask(), Vec3::INFINITY, ahead);
         ahead.min_element()
     }

@@ -11,6 +11,8 @@
 //! pixel. Where lines begin and what they read is worked out for many lines at once; a line then costs one place along the streak and
 //! two dozen vector operations for each four pixels.
 
+#[cfg(feature = "gpu")]
+pub mod flat;
 mod lines;
 mod tables;
 

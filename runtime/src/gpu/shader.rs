@@ -1,0 +1,160 @@
+//! The shaders: WGSL put together from parts, so that one thing is written once.
+
+/// A shader: parts that it shares with others, then its own.
+pub struct Shader {
+    /// What its own file is called.
+    pub name: &'static str,
+    parts: &'static [&'static str],
+}
+
+impl Shader {
+    /// The whole text.
+    pub fn source(&self) -> String {
+        self.parts.concat()
+    }
+}
+
+/// Rays, hashes, random numbers, noise, phase functions; the frame's uniforms in group 0.
+const COMMON: &str = include_str!("common.wgsl");
+
+/// Where it rains, and what rain shows of the world: group 2.
+const FIELD: &str = include_str!("rain_field.wgsl");
+const IN_SCATTERING: &str = include_str!("in_scattering.wgsl");
+const RAIN: &str = include_str!("rain.wgsl");
+/// The medium's optical depth.
+const DEPTH: &str = include_str!("medium_depth.wgsl");
+/// Spots of light in the picture.
+const SPOTS: &str = include_str!("spots.wgsl");
+/// A coarse picture at a finer one's pixels.
+const DOUBLED: &str = include_str!("doubled.wgsl");
+/// Rays against the town: group 1.
+const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+/// The cloud's grid, in group 1.
+const CLOUD: &str = include_str!("cloud.wgsl");
+
+/// The sky, in group 0.
+const SKY: &str = include_str!("sky.wgsl");
+/// The march, with the cloud's volumes in groups 1 and 2.
+const VOLUME: &str = include_str!("volume.wgsl");
+
+macro_rules! shaders {
+    ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
+        $($(#[$doc])* pub(crate) const $constant: Shader =
+            Shader { name: $name, parts: &[$($part,)* include_str!(concat!($name, ".wgsl"))] };)*
+
+        /// Every shader.
+        #[cfg(test)]
+        pub(crate) const ALL: &[&Shader] = &[$(&$constant),*];
+    };
+}
+
+shaders! {
+    /// Nothing but the common part, run by its own tests.
+    PROBE = "probe" [COMMON];
+    /// Drops of a frame.
+    RAIN_FIND = "rain_find" [COMMON, FIELD, TOWN_RAYS, IN_SCATTERING, RAIN];
+    /// Their streaks.
+    RAIN_DRAW = "rain_draw" [COMMON, IN_SCATTERING, RAIN];
+    /// What rain shows of the world in every direction.
+    SHOWN = "shown" [COMMON];
+    /// The medium and halos in it.
+    MEDIUM = "medium" [COMMON, FIELD, IN_SCATTERING, DEPTH];
+    /// Lamps and channels: where they are and what of them arrives.
+    SPOTS_PLACE = "spots_place" [COMMON, FIELD, TOWN_RAYS, DEPTH, SPOTS];
+    /// They themselves.
+    SPOTS_DRAW = "spots_draw" [COMMON, SPOTS];
+    /// The layer of streaks over the picture.
+    STREAKS_OVER = "streaks_over" [COMMON, IN_SCATTERING];
+    /// What a lens spreads.
+    BLOOM = "bloom" [DOUBLED];
+    /// The display's picture.
+    TONE = "tone" [COMMON, DOUBLED];
+    /// Sums of rows.
+    ROWS = "rows" [];
+    /// Sums of rows back to light per cell.
+    HAAR = "haar" [CLOUD];
+    /// Direct light of strokes.
+    DIRECT = "direct" [CLOUD];
+    /// Light per cell into volumes.
+    PACK = "pack" [CLOUD];
+    /// The picture's sky, and the cloud over it.
+    MARCH = "march" [COMMON, SKY, CLOUD, VOLUME];
+    /// Maps of what is around the eye.
+    LOOK = "look" [COMMON, SKY, CLOUD, VOLUME];
+    /// What those maps come to.
+    AROUND = "around" [COMMON];
+    /// The town before the sky.
+    COMPOSE = "compose" [COMMON, SKY];
+    /// A finished picture onto the caller's texture.
+    SHOW = "show" [COMMON];
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use wgpu::naga;
+
+    /// A struct's fields with their offsets, and its size, as a shader lays them out.
+    pub struct Layout {
+        pub fields: Vec<(String, u32)>,
+        pub size: u32,
+    }
+
+    /// How `shader` lays the struct `name` out.
+    pub fn layout_of(shader: &Shader, name: &str) -> Layout {
+        let module = naga::front::wgsl::parse_str(&shader.source()).expect("a shader that parses");
+        let found = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(name));
+        let (_, kind) = found.unwrap_or_else(|| panic!("{} has no struct {name}", shader.name));
+        let naga::TypeInner::Struct { members, span } = &kind.inner else { panic!("{name} is no struct") };
+        let fields = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect();
+        Layout { fields, size: *span }
+    }
+
+    /// Compares a `repr(C)` struct with a shader's of the same name: offsets of all fields that `listed` names in order, padding
+    /// (fields of Rust whose names begin with `pad`) left out, and the size.
+    #[macro_export]
+    #[doc(hidden)]
+    macro_rules! assert_layout {
+        ($shader:expr, $kind:ident { $($field:ident),* $(,)? }) => {
+            let found = $crate::gpu::shader::tests::layout_of(&$shader, stringify!($kind));
+            let wanted = [$((stringify!($field).to_owned(), std::mem::offset_of!($kind, $field) as u32)),*];
+            assert_eq!(found.fields, wanted, "{}", stringify!($kind));
+            assert_eq!(found.size as usize, size_of::<$kind>(), "size of {}", stringify!($kind));
+        };
+    }
+
+    #[test]
+    fn every_shader_is_valid_with_no_optional_feature() {
+        for shader in ALL {
+            let source = shader.source();
+            let module = naga::front::wgsl::parse_str(&source)
+                .unwrap_or_else(|error| panic!("{}: {}", shader.name, error.emit_to_string(&source)));
+            let mut validator = naga::valid::Validator::new(
+                naga::valid::ValidationFlags::all(),
+                naga::valid::Capabilities::empty(),
+            );
+            if let Err(error) = validator.validate(&module) {
+                panic!("{}: {}", shader.name, error.emit_to_string(&source));
+            }
+        }
+    }
+
+    #[test]
+    fn no_stage_sees_more_than_eight_storage_buffers() {
+        for shader in ALL {
+            let module = naga::front::wgsl::parse_str(&shader.source()).unwrap();
+            let mut validator = naga::valid::Validator::new(
+                naga::valid::ValidationFlags::all(),
+                naga::valid::Capabilities::empty(),
+            );
+            let info = validator.validate(&module).unwrap();
+            for (number, entry) in module.entry_points.iter().enumerate() {
+                let used = info.get_entry_point(number);
+                let storage = module.global_variables.iter().filter(|(handle, variable)| {
+                    matches!(variable.space, naga::AddressSpace::Storage { .. }) && !used[*handle].is_empty()
+                });
+                assert!(storage.count() <= 8, "{}: {}", shader.name, entry.name);
+            }
+        }
+    }
+}
