@@ -339,7 +339,7 @@ pub(super) fn cloud_air(sky: &Sky, eye: DVec3, distance: f64) -> [f32; 3] {
 }
 
 /// Composites a cloud over the sky behind it, through the clear air in front of it.
-fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
+pub(super) fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
     if cloud.transmittance == 1.0 {
         return;
     }
