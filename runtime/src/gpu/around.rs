@@ -200,7 +200,19 @@ impl AroundPass {
         ];
         let buffers = vec![whole, rays, table, steps, turned];
         let phases = [const { None }; PHASES];
-        Self { kernels, around, mirror, window, blurred, told, harmonics, blurs, phases, groups, _buffers: buffers }
+        Self {
+            kernels,
+            around,
+            mirror,
+            window,
+            blurred,
+            told,
+            harmonics,
+            blurs,
+            phases,
+            groups,
+            _buffers: buffers,
+        }
     }
 
     /// Tells the next submission where mirrors look and which phase functions ask.

@@ -23,8 +23,8 @@ use crate::gpu::frame::{FrameGroup, FrameUniform};
 use crate::gpu::light::{CloudLights, Tints};
 use crate::gpu::march::MarchPass;
 use crate::gpu::memory::Held;
-use crate::gpu::readback::Readback;
 use crate::gpu::rain::DrawArguments;
+use crate::gpu::readback::Readback;
 use crate::gpu::targets::Targets;
 use crate::gpu::tone::{Developed, TonePasses};
 use crate::gpu::volume::Volumes;
@@ -281,7 +281,13 @@ impl Card {
 
 impl Card {
     /// Binds the tone passes to the picture that is shown, and tells them how.
-    fn set_tone(&mut self, gpu: &Gpu, size: [u32; 2], is_wet: bool, onto: &Onto<'_>) -> Result<(), RuntimeError> {
+    fn set_tone(
+        &mut self,
+        gpu: &Gpu,
+        size: [u32; 2],
+        is_wet: bool,
+        onto: &Onto<'_>,
+    ) -> Result<(), RuntimeError> {
         let (Onto::Texture(_, format, tone), Some(targets)) = (onto, &self.targets) else { return Ok(()) };
         if self.shown != Some((size, is_wet)) {
             self.tone.set_picture(gpu, &self.weather.picture(targets).view, size);

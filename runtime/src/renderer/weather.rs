@@ -369,3 +369,6 @@ fn lamp_spots(scene: &Scene, (frame, sky): (&Frame, &Sky)) -> Vec<SpotSource> {
     };
     lamps.iter().map(spot).collect()
 }
+
+#[cfg(test)]
+mod tests;
