@@ -135,14 +135,14 @@ fn thin_share(number: u32, pixel: vec2i) -> f32 {
     let body = heads[drawn[number].pattern].body.zw * bitcast<f32>(which.w) + steps.z;
     let counted = f32(place) - first;
     let block = floor(counted / 4.0) * 4.0;
-    let node = (along + steps.y * (first + block + 2.0 - middle)) * steps.w;
+    let block_node = (along + steps.y * (first + block + 2.0 - middle)) * steps.w;
     let off = (counted - block - 1.5) * steps.y * steps.w;
     let reach_along = 2.0 * abs(steps.y) + ENDS_PX;
-    let inner = node > (body.x + reach_along) * steps.w && node < (body.y - reach_along) * steps.w;
+    let inner = block_node > (body.x + reach_along) * steps.w && block_node < (body.y - reach_along) * steps.w;
     if inner || abs(4.0 * steps.y) < GENTLE {
-        return dot(across, along_at(number, node, off)) * p.w;
+        return dot(across, along_at(number, block_node, off)) * p.w;
     }
-    return dot(across, along_at(number, node + off, 0.0)) * p.w;
+    return dot(across, along_at(number, block_node + off, 0.0)) * p.w;
 }
 
 // Share beyond a soft edge at `distance` pixels past it, and its slope.

@@ -395,10 +395,43 @@ impl StormRenderer {
         Ok(self.report)
     }
 
+    /// Opens another device in place of one of our own that was lost, once.
+    ///
+    /// Errors: the second time; there is no other; as [`StormRenderer::set_backend`].
+    #[cfg(not(target_family = "wasm"))]
+    fn recover(&mut self, error: RuntimeError) -> Result<(), RuntimeError> {
+        let Some(lost) = self.card.as_ref().filter(|card| !card.report.recovered) else { return Err(error) };
+        let is_measured = lost.is_measured;
+        let mut card = Card::new(&Gpu::open()?, &self.scene, &self.memory)?;
+        (card.is_measured, card.report.recovered) = (is_measured, true);
+        self.card = Some(card);
+        Ok(())
+    }
+
+    /// A page opens devices without waiting: there the loss is the caller's to mend.
+    #[cfg(target_family = "wasm")]
+    fn recover(&mut self, error: RuntimeError) -> Result<(), RuntimeError> {
+        Err(error)
+    }
+
+    /// The device that draws.
+    #[cfg(test)]
+    pub(super) fn device(&self) -> Option<&Gpu> {
+        self.card.as_ref().map(|card| &card.gpu)
+    }
+
     /// [`StormRenderer::render`] on the card.
     pub(super) fn render_on_card(&mut self, frame: &Frame) -> Result<bool, RuntimeError> {
         let Some(card) = &mut self.card else { return Ok(false) };
-        self.report = card.draw(&self.scene, frame, &mut self.memory, &Onto::Memory)?;
+        let drawn = card.draw(&self.scene, frame, &mut self.memory, &Onto::Memory);
+        self.report = match drawn {
+            Err(error) if card.gpu.lost().is_some() => {
+                self.recover(error)?;
+                let Some(card) = &mut self.card else { return Ok(false) };
+                card.draw(&self.scene, frame, &mut self.memory, &Onto::Memory)?
+            }
+            drawn => drawn?,
+        };
         Ok(true)
     }
 }

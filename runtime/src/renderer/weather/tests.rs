@@ -117,3 +117,52 @@ fn whole_pictures_of_the_card_are_the_processors_as_a_display_shows_them() {
         }
     }
 }
+
+#[test]
+fn a_lost_device_is_replaced_once_and_the_second_loss_is_said() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut renderer = StormRenderer::new(golden("v4/rain.squall")).unwrap();
+    let (_, frame) = frames(&renderer).swap_remove(2);
+    renderer.set_backend(Backend::Gpu(gpu)).unwrap();
+    let before = renderer.render(&frame).unwrap().clone();
+    renderer.device().unwrap().device().destroy();
+    let after = renderer.render(&frame).unwrap().clone();
+    assert!(renderer.gpu_report().unwrap().recovered && renderer.device().unwrap().lost().is_none());
+    let (rmse, _) = apart(&renderer.tone(), &before, &after);
+    assert!(rmse < RMSE, "{rmse}");
+    renderer.device().unwrap().device().destroy();
+    let error = renderer.render(&frame).unwrap_err().to_string();
+    assert!(error.contains("graphics device"), "{error}");
+}
+
+#[test]
+fn a_picture_developed_onto_a_texture_of_the_callers_is_the_one_that_is_read_back() {
+    use crate::gpu::readback::Readback;
+    /// Levels of 255: half precision of what bloom spreads.
+    const LEVELS: f64 = 0.5;
+    let Some(gpu) = test_gpu() else { return };
+    let mut renderer = StormRenderer::new(golden("v4/rain.squall")).unwrap();
+    let (_, frame) = frames(&renderer).swap_remove(1);
+    // The application's own device: none is opened beside it.
+    let own = crate::gpu::Gpu::with_device(gpu.device().clone(), gpu.queue().clone()).unwrap();
+    renderer.set_backend(Backend::Gpu(own)).unwrap();
+    let picture = renderer.render(&frame).unwrap().clone();
+    let tone = Tone { exposure: Tone::exposure_for(&picture), ..renderer.tone() };
+    let format = wgpu::TextureFormat::Rgba8Unorm;
+    let kind = (wgpu::TextureDimension::D2, format);
+    let shown = gpu.texture("surface", [160, 90, 1], kind, wgpu::TextureUsages::RENDER_ATTACHMENT);
+    renderer.develop_into(&frame, &tone, &shown.view, format).unwrap();
+    let mut back = Readback::new(&gpu);
+    let mut encoder = gpu.device().create_command_encoder(&Default::default());
+    back.copy(&mut encoder, &shown);
+    gpu.queue().submit([encoder.finish()]);
+    let texels: Vec<[u8; 4]> = back.values().unwrap();
+    let wanted = tone.to_srgb8(&picture);
+    let off = texels
+        .iter()
+        .zip(&wanted)
+        .flat_map(|(a, b)| (0..3).map(move |band| f64::from(a[band]) - f64::from(b[band])));
+    let rmse = (off.map(|off| off * off).sum::<f64>() / (3 * wanted.len()) as f64).sqrt();
+    println!("{rmse:.3} of 255");
+    assert!(rmse < LEVELS, "{rmse}");
+}
