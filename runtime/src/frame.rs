@@ -12,7 +12,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
-use crate::renderer::SkyQuality;
+use crate::shade::adaptive::Spacing;
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
@@ -103,16 +103,20 @@ pub struct FrameQuality {
     pub town: Quality,
     /// Rays of each stroke's direct light.
     pub rays: DirectRays,
-    /// How closely sky and cloud are looked at.
-    pub sky: SkyQuality,
+    /// How closely sky and cloud are looked at, behind the town and in its mirrors.
+    pub sky: Spacing,
 }
 
 impl FrameQuality {
     /// A still picture's.
-    pub const STILL: Self = Self { town: Quality::STILL, rays: DirectRays::STILL, sky: SkyQuality::STILL };
+    pub const STILL: Self =
+        Self { town: Quality::STILL, rays: DirectRays::STILL, sky: Spacing { pixels: 2, tolerance: 0.02 } };
     /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
-    pub const PREVIEW: Self =
-        Self { town: Quality::PREVIEW, rays: DirectRays::PREVIEW, sky: SkyQuality::PREVIEW };
+    pub const PREVIEW: Self = Self {
+        town: Quality::PREVIEW,
+        rays: DirectRays::PREVIEW,
+        sky: Spacing { pixels: 4, tolerance: 0.1 },
+    };
 }
 
 impl Default for FrameQuality {

@@ -1,6 +1,5 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
-mod behind;
 #[cfg(feature = "gpu")]
 mod card;
 mod channel;
@@ -17,7 +16,6 @@ mod town_rain;
 mod weather;
 pub(crate) mod world;
 
-pub use behind::SkyQuality;
 #[cfg(feature = "gpu")]
 pub use card::Backend;
 pub use layers::{Layer, LayerPixels};

@@ -9,7 +9,6 @@
 //!    ([`super::channel`]).
 //! 5. The rain's streaks ([`super::rain`]).
 
-use super::behind::{self, SkyQuality};
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::times::Watch;
 use super::town_rain::TownRain;
@@ -21,6 +20,7 @@ use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::Rain;
+use crate::shade::adaptive::{self, Spacing};
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
@@ -183,7 +183,8 @@ impl Scene {
             size: MIRROR_SIZE,
         };
         let from_eye = |direction: Vec3| Ray { origin: eye, direction: direction.as_dvec3() };
-        let mirror = Environment::new(window, &|direction| beyond(&from_eye(direction)));
+        let mirror =
+            Environment::looked_at(window, frame.quality.sky, &|direction| beyond(&from_eye(direction)));
         // A cloud that no stroke lights sheds nothing: its rays are not followed.
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
@@ -284,7 +285,7 @@ impl Scene {
     /// Sky and cloud behind the town, clear air in front.
     fn compose(
         &self,
-        (camera, quality): (&Camera, SkyQuality),
+        (camera, spacing): (&Camera, Spacing),
         sky: &Sky,
         (beyond, disc): (&Beyond<'_>, &Disc<'_>),
         town: &TownFrame,
@@ -292,7 +293,9 @@ impl Scene {
     ) {
         let (width, has_town) = (picture.width, self.town.is_some());
         let cover = |x: usize, y: usize| if has_town { town.pixels[y * width + x].cover } else { 0.0 };
-        behind::fill(camera, quality, (beyond, &|x, y| cover(x, y) < 1.0), &mut picture.pixels);
+        let size = [picture.width, picture.height];
+        let behind = |x: usize, y: usize| beyond(&camera.ray(x as f64 + 0.5, y as f64 + 0.5));
+        adaptive::fill(size, spacing, (&behind, &|x, y| cover(x, y) < 1.0), &mut picture.pixels);
         let row = |(y, row): (usize, &mut [[f32; 3]])| {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let cover = cover(x, y);
