@@ -12,6 +12,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
+use crate::renderer::SkyQuality;
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
@@ -89,12 +90,22 @@ pub struct FrameQuality {
     pub town: Quality,
     /// Rays of each stroke's direct light.
     pub rays: DirectRays,
+    /// How closely sky and cloud are looked at.
+    pub sky: SkyQuality,
+}
+
+impl FrameQuality {
+    /// A still picture's.
+    pub const STILL: Self = Self { town: Quality::STILL, rays: DirectRays::STILL, sky: SkyQuality::STILL };
+    /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
+    pub const PREVIEW: Self =
+        Self { town: Quality::PREVIEW, rays: DirectRays::PREVIEW, sky: SkyQuality::PREVIEW };
 }
 
 impl Default for FrameQuality {
     /// A still picture's.
     fn default() -> Self {
-        Self { town: Quality { samples: 2, facets: 3 }, rays: DirectRays::STILL }
+        Self::STILL
     }
 }
 

@@ -1,5 +1,6 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
+mod behind;
 mod channel;
 mod draw;
 mod halos;
@@ -7,12 +8,15 @@ mod layers;
 mod light;
 mod lit_stroke;
 mod rain;
+mod times;
 mod town;
 mod town_rain;
 mod world;
 
 use crate::airlight::Airlight;
+pub use behind::SkyQuality;
 pub use layers::{Layer, LayerPixels};
+pub use times::{Clock, FrameTimes};
 
 use crate::camera::Camera;
 use crate::clouds::{Clouds, SunSource};
@@ -111,6 +115,7 @@ struct Memory {
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
+    clock: Option<Clock>,
 }
 
 /// What a picture took.
@@ -131,6 +136,8 @@ pub struct FrameReport {
     pub sun: SunSource,
     /// Whether the asset lacks light of the sky's hemispheres, so that its cloud stays dark under a bright sky.
     pub sky_missing: bool,
+    /// How long its parts took, where there is a clock ([`StormRenderer::set_clock`]).
+    pub times: FrameTimes,
 }
 
 impl StormRenderer {
@@ -195,6 +202,7 @@ impl StormRenderer {
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),
+            clock: None,
         };
         Ok(Self { scene, memory, report: FrameReport::default() })
     }
@@ -245,6 +253,27 @@ impl StormRenderer {
     /// The asset's cloud, where it has one: where it is lit, and its light as data.
     pub fn clouds(&mut self) -> Option<&mut Clouds> {
         self.memory.clouds.as_mut()
+    }
+
+    /// Has the parts of pictures timed by `clock`: [`FrameReport::times`].
+    ///
+    /// ```
+    /// # use squall_runtime::StormRenderer;
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+    /// fn seconds() -> f64 {
+    ///     use std::{sync::LazyLock, time::Instant};
+    ///     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    ///     START.elapsed().as_secs_f64()
+    /// }
+    /// let mut renderer = StormRenderer::open(path)?;
+    /// let frame = renderer.frame().expect("the asset brings a view");
+    /// renderer.set_clock(Some(seconds));
+    /// renderer.render(&frame)?;
+    /// assert!(renderer.report().times.named().iter().map(|(_, time)| time).sum::<f64>() > 0.0);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    pub fn set_clock(&mut self, clock: Option<Clock>) {
+        self.memory.clock = clock;
     }
 
     /// Draws `frame`: linear radiance, W/(m² sr), row 0 on top. The picture stays until the next call.

@@ -38,7 +38,19 @@ struct Ball {
 }
 
 impl From<Vec<LineLight>> for Images {
-    fn from(lines: Vec<LineLight>) -> Self {
+    /// Lines that together send less than [`FAINT`] of the light, those that stand deep in cloud, are left out.
+    fn from(mut lines: Vec<LineLight>) -> Self {
+        let light = |line: &LineLight| line.visibility * line.intensity.iter().sum::<f32>();
+        let mut sorted: Vec<f32> = lines.iter().map(light).collect();
+        sorted.sort_by(f32::total_cmp);
+        let most = FAINT * sorted.iter().sum::<f32>();
+        let mut sum = 0.0;
+        let brightest_left_out = sorted.iter().copied().take_while(|own| {
+            sum += own;
+            sum <= most
+        });
+        let least = brightest_left_out.fold(0.0, f32::max);
+        lines.retain(|line| light(line) > least);
         let balls = lines.chunks(TOGETHER).map(Ball::around).collect();
         Self { lines, balls }
     }
@@ -56,17 +68,22 @@ impl Images {
     /// No lines.
     pub const NONE: &'static Self = &Self { lines: Vec::new(), balls: Vec::new() };
 
-    /// The lines, in their order, but for those that certainly have no image at `point`.
+    /// Middles of the balls around the lines: places that stand for those of all lines in them.
+    pub fn centres(&self) -> impl Iterator<Item = Vec3> {
+        self.balls.iter().map(|ball| ball.centre)
+    }
+
+    /// The lines, in their order, but for those that certainly have no image at `point`; each with the middle of the ball that it is in.
     pub(super) fn shown_at(
         &self,
         point: Vec3,
         normal: Vec3,
         to_viewer: Vec3,
         slope: f32,
-    ) -> impl Iterator<Item = &LineLight> {
+    ) -> impl Iterator<Item = (&LineLight, Vec3)> {
         let runs = self.lines.chunks(TOGETHER).zip(&self.balls);
         runs.filter(move |(_, ball)| !ball.has_no_image(point, normal, to_viewer, slope))
-            .flat_map(|(lines, _)| lines)
+            .flat_map(|(lines, ball)| lines.iter().map(|line| (line, ball.centre)))
     }
 }
 
@@ -106,8 +123,10 @@ impl Ball {
     }
 }
 
+/// Share of a channel's light whose image is not missed.
+const FAINT: f32 = 1e-3;
 /// Steps as a share of the highlight's standard deviation.
-const STEP: f32 = 0.35;
+const STEP: f32 = 0.8;
 /// Steps per radian that the line covers.
 const ANGLE_STEPS: f32 = 16.0;
 /// Most steps of one line.
