@@ -129,8 +129,8 @@ impl Card {
             }
         };
         let around = AroundPass::new(gpu, &frame, &volumes);
-        let found = Found { frame: &frame.layout, harmonics: &around.harmonics, told: &around.told };
-        let weather = Weather::new(gpu, scene, found);
+        let found = Found { frame: &frame, harmonics: &around.harmonics, told: &around.told };
+        let weather = Weather::new(gpu, scene, found)?;
         Ok(Self {
             clock: Clock::new(gpu),
             back: Readback::new(gpu),
@@ -162,10 +162,6 @@ impl Card {
         memory: &mut Memory,
         onto: &Onto<'_>,
     ) -> Result<FrameReport, RuntimeError> {
-        if scene.town.is_some() {
-            let wanted = "an asset without a town: towns are drawn by the processor";
-            return Err(RuntimeError::argument("backend", wanted, "a graphics card"));
-        }
         let frame = &scene.place.frame(asked);
         super::rain::check(scene.rain.as_ref(), frame, &mut memory.rain)?;
         let sky = match memory.sky.take() {
@@ -229,6 +225,7 @@ impl Card {
         let Some(targets) = &self.targets else { return Ok(report) };
         let lit = self.weather.lit_strokes(scene, frame, sky)?;
         self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
+        self.weather.set_town(&gpu, scene, (frame, sky), &lit, (&self.around, targets));
         self.set_tone(&gpu, size, is_wet, onto)?;
         let Some(targets) = &self.targets else { return Ok(report) };
 
@@ -242,7 +239,8 @@ impl Card {
             tints,
             had_around: has_around,
         };
-        if is_lit || seen.as_ref() != Some(&now) {
+        let is_new = is_lit || seen.as_ref() != Some(&now);
+        if is_new {
             let same =
                 |seen: &Seen| (&seen.sky, &seen.camera, seen.unit) == (&now.sky, &now.camera, now.unit);
             let is_new = !seen.as_ref().is_some_and(same);
@@ -252,6 +250,7 @@ impl Card {
                 self.around.record(&mut recorder, (&self.frame, &self.volumes), asks);
             }
         }
+        self.weather.record_town(&gpu, &mut recorder, &self.frame.group, (&self.around, is_new));
         self.compose.record(&gpu, &mut recorder, (&self.frame, targets));
         self.weather.record(&gpu, &mut recorder, &self.frame.group, targets);
         match onto {
