@@ -98,6 +98,8 @@ pub struct AroundPass {
     pub blurred: [Image; PHASES],
     /// The [`Around`] of the frame, a storage buffer.
     pub told: Held<wgpu::Buffer>,
+    /// The world's harmonics, four numbers each in the order l² + l + m, a storage buffer.
+    pub harmonics: Held<wgpu::Buffer>,
     blurs: [Held<wgpu::Buffer>; PHASES],
     phases: [Option<Phase>; PHASES],
     groups: Groups,
@@ -149,7 +151,9 @@ impl AroundPass {
         let window = gpu.uniform::<Window>("mirrors' window");
         let whole = gpu.uniform::<Window>("all directions");
         gpu.write(&whole, &[Window::whole()]);
-        let (rays, told) = (floats("glow", 4 * GLOW_RAYS as usize), floats("around", 12));
+        let rays = floats("glow", 4 * GLOW_RAYS as usize);
+        // Passes of the weather are told it as uniforms.
+        let told = gpu.buffer("around", 48, Use::STORAGE | Use::UNIFORM | Use::COPY_SRC);
         let basis = Basis::new();
         let table = gpu.storage("Legendre's functions", &legendre(&basis));
         let pairs = (0..=DEGREE).flat_map(|l| (0..=l).map(move |m| (l, m)));
@@ -194,9 +198,21 @@ impl AroundPass {
             gpu.kernel(&sums, "blur_harmonics", &summing),
             gpu.kernel(&sums, "sum_glow", &summing[..3]),
         ];
-        let buffers = vec![whole, rays, table, steps, turned, harmonics];
+        let buffers = vec![whole, rays, table, steps, turned];
         let phases = [const { None }; PHASES];
-        Self { kernels, around, mirror, window, blurred, told, blurs, phases, groups, _buffers: buffers }
+        Self {
+            kernels,
+            around,
+            mirror,
+            window,
+            blurred,
+            told,
+            harmonics,
+            blurs,
+            phases,
+            groups,
+            _buffers: buffers,
+        }
     }
 
     /// Tells the next submission where mirrors look and which phase functions ask.

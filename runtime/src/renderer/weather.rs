@@ -2,6 +2,8 @@
 //! channels, streaks over those. The order is that of [`super::draw`]; what is asked of the card comes from the frame alone, and from
 //! what the card itself found around the eye.
 
+mod town;
+
 use super::Scene;
 use super::channel;
 use super::draw::TOWN_M;
@@ -12,7 +14,9 @@ use crate::camera::Projection;
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::gpu::Gpu;
+use crate::gpu::around::AroundPass;
 use crate::gpu::clock::Recorder;
+use crate::gpu::frame::FrameGroup;
 use crate::gpu::medium::MediumPass;
 use crate::gpu::memory::Image;
 use crate::gpu::rain::{LAYER, NEAR_LAMPS, NearLamp, RainFrame, RainGroup, RainLight, RainPasses};
@@ -20,6 +24,7 @@ use crate::gpu::shown::ShownPass;
 use crate::gpu::spots::{NO_STROKE, STROKES, SpotPasses, SpotSource};
 use crate::gpu::targets::Targets;
 use crate::gpu::town::TownGroup;
+use crate::gpu::town::passes::TownPasses;
 use crate::medium::{Medium, Phase};
 use crate::rain::{Rain, RainPath, Workspace};
 use crate::shade::sky::{Sky, SkyParameters};
@@ -32,6 +37,8 @@ use std::sync::Arc;
 /// The passes of one asset's weather.
 pub struct Weather {
     town: TownGroup,
+    /// What draws the asset's town.
+    painted: Option<town::CardTown>,
     pub group: RainGroup,
     rain: RainPasses,
     shown: ShownPass,
@@ -75,8 +82,8 @@ struct PlacedFor {
 /// Groups of passes that come from others: the frame's, and what the card finds around the eye.
 #[derive(Clone, Copy)]
 pub struct Found<'a> {
-    /// The frame's layout.
-    pub frame: &'a wgpu::BindGroupLayout,
+    /// The frame's group.
+    pub frame: &'a FrameGroup,
     /// The world's harmonics.
     pub harmonics: &'a wgpu::Buffer,
     /// An [`crate::gpu::around::Around`].
@@ -85,16 +92,24 @@ pub struct Found<'a> {
 
 impl Weather {
     /// Compiles the passes and brings the asset's patterns and town to the card.
-    pub fn new(gpu: &Gpu, scene: &Scene, found: Found<'_>) -> Self {
+    ///
+    /// Errors: a town that is larger than a card within WebGPU's default limits can hold.
+    pub fn new(gpu: &Gpu, scene: &Scene, found: Found<'_>) -> Result<Self, RuntimeError> {
+        let layout = &found.frame.layout;
         let tables = scene.patterns.tables();
         let town = TownGroup::new(gpu, scene.town.as_ref());
         let group = RainGroup::new(gpu, &tables, found.told);
-        let rain = RainPasses::new(gpu, found.frame, &town.layout, &group, &tables);
-        let shown = ShownPass::new(gpu, found.frame, &group, found.harmonics);
-        let medium = MediumPass::new(gpu, found.frame, &group);
-        let spots = SpotPasses::new(gpu, [found.frame, &town.layout], &group, &medium.uniform);
-        Self {
+        let rain = RainPasses::new(gpu, layout, &town.layout, &group, &tables);
+        let shown = ShownPass::new(gpu, layout, &group, found.harmonics);
+        let medium = MediumPass::new(gpu, layout, &group);
+        let spots = SpotPasses::new(gpu, [layout, &town.layout], &group, &medium.uniform);
+        let painted = match &scene.town {
+            Some(own) => Some(town::CardTown::new(TownPasses::new(gpu, found.frame, (own, &town), &group)?)),
+            None => None,
+        };
+        Ok(Self {
             town,
+            painted,
             group,
             rain,
             shown,
@@ -106,7 +121,7 @@ impl Weather {
             placed_for: None,
             strokes: Vec::new(),
             rains: false,
-        }
+        })
     }
 
     /// Tells the next submission what weather the frame has, which is in the scene's coordinates.
@@ -299,6 +314,38 @@ impl Weather {
         self.spots.set_frame(gpu, &scales, self.rains, scene.town.is_some());
     }
 
+    /// Tells the next submission how the town is lit, after [`Weather::set`].
+    pub fn set_town(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        (frame, sky): (&Frame, &Sky),
+        flashes: &[LitStroke],
+        (around, targets): (&AroundPass, &Targets),
+    ) {
+        let Some(painted) = &mut self.painted else { return };
+        let field = scene.rain_place.field(frame);
+        let undrawn = self.rains.then(|| frame.medium.undrawn(field.rate(frame.weather.rate)));
+        let rain = (undrawn.as_ref(), field.map().is_some());
+        painted.set(gpu, (frame, sky), flashes, rain, (around, targets));
+    }
+
+    /// Puts the town on record, before the sky is composed behind it; `is_new` says that cloud or sky around it are others.
+    pub fn record_town(
+        &mut self,
+        gpu: &Gpu,
+        recorder: &mut Recorder<'_>,
+        frame: &wgpu::BindGroup,
+        (around, is_new): (&AroundPass, bool),
+    ) {
+        if self.rains {
+            self.shown.record(recorder, frame);
+        }
+        if let Some(painted) = &mut self.painted {
+            painted.record(gpu, recorder, [frame, &self.group.group], (around, is_new));
+        }
+    }
+
     /// Puts the weather on record, over `targets.picture`.
     pub fn record(
         &mut self,
@@ -313,7 +360,6 @@ impl Weather {
         let Some(sized) = &self.sized else { return };
         let (town, rain) = (&self.town.group, &self.group.group);
         if self.rains {
-            self.shown.record(recorder, frame);
             self.rain.find(gpu, recorder, [frame, town, rain], self.frame.flags[0]);
             self.rain.draw(recorder, [frame, rain], &sized.layer.view);
             self.medium.record(recorder, [frame, rain]);
@@ -334,6 +380,11 @@ impl Weather {
     /// How the draw of streaks was told: how many were found, for whoever reads it back.
     pub fn drops(&self) -> &wgpu::Buffer {
         &self.rain.arguments
+    }
+
+    /// Streaks that there is room for.
+    pub fn room(&self) -> u32 {
+        self.rain.capacity
     }
 
     /// Share of light that the medium left, per pixel.
@@ -364,3 +415,6 @@ fn lamp_spots(scene: &Scene, (frame, sky): (&Frame, &Sky)) -> Vec<SpotSource> {
     };
     lamps.iter().map(spot).collect()
 }
+
+#[cfg(test)]
+mod tests;
