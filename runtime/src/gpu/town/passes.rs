@@ -88,10 +88,7 @@ impl TownPasses {
                 "town: pixels",
                 &[&[Slot::Uniform], &pair[..], &NODES, &[Slot::Store(LIGHT), Slot::Write]].concat(),
             ),
-            gpu.layout(
-                "town: rest",
-                &[&LIT[..], &pair, &NODES, &[Slot::Store(LIGHT), Slot::Read]].concat(),
-            ),
+            gpu.layout("town: rest", &[&LIT[..], &pair, &NODES, &[Slot::Store(LIGHT), Slot::Read]].concat()),
         ];
         let shaders = [&TOWN_LOOK, &TOWN_MADE, &TOWN_NODES, &TOWN_PIXELS, &TOWN_REST];
         let entries = ["look_at_town", "make_surfaces", "light_nodes", "light_pixels", "light_rest"];
@@ -184,8 +181,7 @@ impl TownPasses {
             [&lit[..], &pair, &nodes, &[town, rest]].concat(),
         ];
         let label = ["town: look", "town: surfaces", "town: nodes", "town: pixels", "town: rest"];
-        kept.groups =
-            Some(std::array::from_fn(|i| gpu.group(label[i], &self.layouts[i], &lists[i])));
+        kept.groups = Some(std::array::from_fn(|i| gpu.group(label[i], &self.layouts[i], &lists[i])));
         // Distances are drawn into a picture of the caller's.
         self.is_stale = true;
     }

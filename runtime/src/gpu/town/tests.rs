@@ -95,8 +95,7 @@ impl Case {
             visibility: 0.9,
         };
         let lines: Vec<LineLight> = (0..20).map(line).collect();
-        let point =
-            |i: f32| SceneLight { position: place(i), intensity: [6e5, 7e5, 8e5], visibility: 0.9 };
+        let point = |i: f32| SceneLight { position: place(i), intensity: [6e5, 7e5, 8e5], visibility: 0.9 };
         Self {
             points: vec![point(3.0), point(10.0), point(17.0)],
             images: Images::from(lines),
@@ -169,8 +168,7 @@ fn by_the_processor(case: &Case, town: &Town, quality: Quality) -> TownFrame {
     let (camera, harmonics, [mirror, around]) = (camera(), case.harmonics(), maps(case));
     let (_, shown) = world(case);
     let rain = TownRain::new(case.medium(), case.field(camera.position), &shown);
-    let leaves =
-        |_: Vec3, d: Vec3| if mirror.holds(d) { mirror.lookup(d) } else { around.lookup(d) };
+    let leaves = |_: Vec3, d: Vec3| if mirror.holds(d) { mirror.lookup(d) } else { around.lookup(d) };
     let glows: Vec<GlowLight> = case.glow.into_iter().collect();
     let lighting = Lighting {
         ambient: &|normal| irradiance_from(&harmonics, normal),
@@ -293,7 +291,11 @@ fn cases() -> Vec<Case> {
         Case { sun: Some(sun), ..Case::dusk("day") },
         Case::flash("flash"),
         Case { sun: Some(sun), ..rainy },
-        Case { rate: 40.0, volume: RainVolume { ceiling, region: None }, ..Case::flash("rain under a ceiling") },
+        Case {
+            rate: 40.0,
+            volume: RainVolume { ceiling, region: None },
+            ..Case::flash("rain under a ceiling")
+        },
         Case { rate: 40.0, map: Some(map), ..Case::flash("rain in a map") },
     ]
 }
@@ -314,24 +316,46 @@ fn the_town_on_the_card_is_the_processors_in_every_light() {
             let found = on_the_card(&gpu, &case, &town, quality);
             let [light, covers, far] = apart(&wanted, &found);
             if std::env::var("ZZ_WORST").is_ok() {
-                let mut all: Vec<(f32, usize)> = (0..wanted.pixels.len()).map(|i| ((found.town[i][1] - wanted.pixels[i].radiance[1]).abs(), i)).collect();
+                let mut all: Vec<(f32, usize)> = (0..wanted.pixels.len())
+                    .map(|i| ((found.town[i][1] - wanted.pixels[i].radiance[1]).abs(), i))
+                    .collect();
                 all.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let sum: f32 = all.iter().map(|a| a.0 * a.0).sum();
                 let mut so = 0.0;
                 for (off, i) in &all[..14] {
                     so += off * off;
                     let p = &wanted.pixels[*i];
-                    println!("  {} {}: {:.4} for {:.4}, share {:.3}, {:.1} m, n {:.2}", i % 160, i / 160, found.town[*i][1], p.radiance[1], so / sum, p.distance, p.normal);
+                    println!(
+                        "  {} {}: {:.4} for {:.4}, share {:.3}, {:.1} m, n {:.2}",
+                        i % 160,
+                        i / 160,
+                        found.town[*i][1],
+                        p.radiance[1],
+                        so / sum,
+                        p.distance,
+                        p.normal
+                    );
                 }
-                let dump = |name: &str, values: Vec<f32>| std::fs::write(format!("/tmp/zz_{name}_{spacing}.f32"), bytemuck::cast_slice(&values)).unwrap();
-                dump(&format!("{}_wanted", case.name.replace(' ', "_")), wanted.pixels.iter().flat_map(|p| p.radiance).collect());
-                dump(&format!("{}_found", case.name.replace(' ', "_")), found.town.iter().flat_map(|p| [p[0], p[1], p[2]]).collect());
+                let dump = |name: &str, values: Vec<f32>| {
+                    std::fs::write(format!("/tmp/zz_{name}_{spacing}.f32"), bytemuck::cast_slice(&values))
+                        .unwrap()
+                };
+                dump(
+                    &format!("{}_wanted", case.name.replace(' ', "_")),
+                    wanted.pixels.iter().flat_map(|p| p.radiance).collect(),
+                );
+                dump(
+                    &format!("{}_found", case.name.replace(' ', "_")),
+                    found.town.iter().flat_map(|p| [p[0], p[1], p[2]]).collect(),
+                );
             }
             println!(
                 "{}, {spacing}: light {light:.1e}, cover {covers:.1e}, distance {far:.1e}, {} pixels alone",
                 case.name, found.alone
             );
-            if std::env::var("ZZ_WORST").is_ok() { continue; }
+            if std::env::var("ZZ_WORST").is_ok() {
+                continue;
+            }
             assert!(light < LIGHT_ERROR && covers <= EDGES && far <= EDGES, "{}", case.name);
         }
     }

@@ -110,11 +110,14 @@ impl CardTown {
         };
         self.passes.set(gpu, camera, frame.quality.town, &lights);
         if self.passes.wants_targets() {
-            self.passes.set_targets(gpu, &TownTargets {
-                maps: [&around.mirror.view, &around.around.view],
-                town: &targets.town.view,
-                metres: &targets.town_metres.view,
-            });
+            self.passes.set_targets(
+                gpu,
+                &TownTargets {
+                    maps: [&around.mirror.view, &around.around.view],
+                    town: &targets.town.view,
+                    metres: &targets.town_metres.view,
+                },
+            );
         }
         (self.made_for, self.is_stale) = (Some(key), true);
     }
