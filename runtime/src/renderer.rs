@@ -10,7 +10,7 @@ mod lit_stroke;
 mod rain;
 mod times;
 mod town;
-mod town_rain;
+pub(crate) mod town_rain;
 mod world;
 
 use crate::airlight::Airlight;

@@ -159,6 +159,22 @@ impl Pass<'_> {
     }
 }
 
+impl Pass<'_> {
+    /// The same with as many workgroups as `counts` says where it begins.
+    pub fn run_indirect(
+        &mut self,
+        kernel: &Kernel,
+        groups: &[Option<&wgpu::BindGroup>],
+        counts: &wgpu::Buffer,
+    ) {
+        self.0.set_pipeline(&kernel.pipeline);
+        for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.is_some()) {
+            self.0.set_bind_group(number as u32, *group, &[]);
+        }
+        self.0.dispatch_workgroups_indirect(counts, 0);
+    }
+}
+
 impl Recorder<'_> {
     /// The queries of the next pass, which is called `name`.
     fn times(&mut self, name: &'static str) -> Option<(&wgpu::QuerySet, u32)> {
