@@ -12,6 +12,8 @@
 //!
 //! Light is linear: what a stroke of brightness 1 does towards a viewer is kept, and brightness and colour scale it.
 
+#[cfg(feature = "gpu")]
+pub(crate) mod card;
 mod half;
 mod kept;
 mod light;
@@ -20,6 +22,8 @@ mod sky;
 mod solve;
 
 pub use half::f16_bits;
+#[cfg(feature = "gpu")]
+pub(crate) use half::f16_value;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
 

@@ -12,12 +12,12 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
-use crate::renderer::SkyQuality;
+use crate::shade::adaptive::Spacing;
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
 use crate::single_scatter::DirectRays;
-use crate::tone::{Tone, glow::Glow};
+use crate::tone::{Tone, bloom::Bloom};
 use glam::{DVec2, DVec3};
 use squall_formats::section::view::{
     ViewCamera, ViewDetail, ViewFlash, ViewMedium, ViewRain, ViewSection, ViewSky, ViewTone,
@@ -90,16 +90,20 @@ pub struct FrameQuality {
     pub town: Quality,
     /// Rays of each stroke's direct light.
     pub rays: DirectRays,
-    /// How closely sky and cloud are looked at.
-    pub sky: SkyQuality,
+    /// How closely sky and cloud are looked at, behind the town and in its mirrors.
+    pub sky: Spacing,
 }
 
 impl FrameQuality {
     /// A still picture's.
-    pub const STILL: Self = Self { town: Quality::STILL, rays: DirectRays::STILL, sky: SkyQuality::STILL };
+    pub const STILL: Self =
+        Self { town: Quality::STILL, rays: DirectRays::STILL, sky: Spacing { pixels: 2, tolerance: 0.02 } };
     /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
-    pub const PREVIEW: Self =
-        Self { town: Quality::PREVIEW, rays: DirectRays::PREVIEW, sky: SkyQuality::PREVIEW };
+    pub const PREVIEW: Self = Self {
+        town: Quality::PREVIEW,
+        rays: DirectRays::PREVIEW,
+        sky: Spacing { pixels: 4, tolerance: 0.1 },
+    };
 }
 
 impl Default for FrameQuality {
@@ -380,9 +384,9 @@ pub fn camera_of(view: &ViewCamera) -> Result<Camera, RuntimeError> {
 
 /// How a view's light becomes a picture.
 pub fn tone_of(view: &ViewTone) -> Tone {
-    let glow =
-        Glow { amount: view.glow_amount as f32, levels: view.glow_levels, reach: view.glow_reach as f32 };
-    Tone { exposure: view.exposure as f32, contrast: view.contrast as f32, glow, ..Tone::default() }
+    let bloom =
+        Bloom { amount: view.bloom_amount as f32, levels: view.bloom_levels, reach: view.bloom_reach as f32 };
+    Tone { exposure: view.exposure as f32, contrast: view.contrast as f32, bloom, ..Tone::default() }
 }
 
 fn volume_of(view: &ViewRain) -> RainVolume {

@@ -9,24 +9,31 @@
 
 #![allow(dead_code)]
 
+pub(crate) mod around;
 pub(crate) mod binding;
 pub mod clock;
 pub(crate) mod cloud;
+pub(crate) mod compose;
+pub(crate) mod direct;
 pub(crate) mod frame;
 pub(crate) mod haar;
 #[cfg(test)]
 pub(crate) mod half;
+pub(crate) mod light;
+pub(crate) mod march;
 pub(crate) mod medium;
 pub(crate) mod memory;
 pub(crate) mod rain;
 pub(crate) mod readback;
 pub(crate) mod rows;
 pub(crate) mod shader;
+pub(crate) mod show;
 pub(crate) mod shown;
 pub(crate) mod spots;
 pub(crate) mod targets;
 pub(crate) mod tone;
 pub(crate) mod town;
+pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
 

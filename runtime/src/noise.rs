@@ -68,6 +68,12 @@ impl Lattice {
         Self { seed, mask: (1 << bits) - 1 }
     }
 
+    /// The seed.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn seed(&self) -> u32 {
+        self.seed
+    }
+
     #[inline]
     fn hash(&self, x: i32, y: i32, z: i32) -> u32 {
         scramble(x & self.mask, y & self.mask, z & self.mask, self.seed)

@@ -354,13 +354,12 @@ impl Relighter {
         let count = basis.count();
         buffers.coefficients.clear();
         buffers.coefficients.resize(cells * count, 0.0);
+        self.response.fetch(buffers.weights.iter().map(|weight| weight.row as usize))?;
         for weight in &buffers.weights {
             let row = weight.row as usize;
             let known = self.verified[row].load(Ordering::Relaxed);
             let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
-            let parts = bytes
-                .and_then(|bytes| coefficient_planes(bytes, count))
-                .map_err(|error| self.asset.wrap(error))?;
+            let parts = coefficient_planes(bytes?, count).map_err(|error| self.asset.wrap(error))?;
             self.verified[row].store(true, Ordering::Relaxed);
             for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
                 accumulate(coefficients, self.response.head.codec, weight.intensity, sums)

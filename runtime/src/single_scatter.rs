@@ -6,8 +6,12 @@
 //! values at cell centres.
 
 mod budget;
+#[cfg(feature = "gpu")]
+mod shares;
 
 pub use budget::DirectRays;
+#[cfg(feature = "gpu")]
+pub(crate) use shares::beam_shares;
 
 use crate::parallel::map_chunks;
 use crate::phase::PreparedHg;

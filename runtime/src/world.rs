@@ -11,7 +11,7 @@
 //! | E      | `irradiance` | W/m²      |
 //! | p      | [`Phase`]    | 1/sr      |
 
-mod degrees;
+pub(crate) mod degrees;
 mod estimate;
 mod stored;
 #[cfg(feature = "gpu")]

@@ -63,7 +63,7 @@ impl Clouds {
     }
 
     /// A beam of the sun with its direct light inside, and the direction towards that sun.
-    fn old_beam(&self) -> Option<(DistantKind, DVec3)> {
+    pub(super) fn old_beam(&self) -> Option<(DistantKind, DVec3)> {
         let beam = |kind: DistantKind| match kind {
             DistantKind::Beam { direction } => Some((kind, -DVec3::from_array(direction))),
             _ => None,
@@ -102,7 +102,12 @@ impl Clouds {
     }
 
     #[cfg(not(feature = "live"))]
-    fn solve_sun(&self, towards: DVec3, _: Viewer, out: &mut [f32]) -> Result<SunSource, RuntimeError> {
+    pub(super) fn solve_sun(
+        &self,
+        towards: DVec3,
+        _: Viewer,
+        out: &mut [f32],
+    ) -> Result<SunSource, RuntimeError> {
         if self.relighter.response().head.sun.is_none() {
             out.fill(0.0);
             return Ok(SunSource::Missing);

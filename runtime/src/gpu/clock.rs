@@ -127,7 +127,7 @@ pub(crate) fn map<T>(
 }
 
 /// One frame's commands.
-pub struct Recorder<'a> {
+pub(crate) struct Recorder<'a> {
     /// The commands so far.
     pub encoder: wgpu::CommandEncoder,
     clock: &'a mut Clock,

@@ -48,3 +48,11 @@ fn towards_viewer(place: vec3f) -> vec3f {
     if size == 0.0 { return vec3f(0.0, 0.0, -1.0); }
     return way / size;
 }
+
+// Henyey and Greenstein's phase function of the cloud's droplets, 1/sr, in the form that keeps its digits at the peak.
+fn phase(g: f32, cosine: f32) -> f32 {
+    let narrow = 1.0 - abs(g);
+    let side = select(1.0, -1.0, g < 0.0);
+    let base = narrow * narrow + 2.0 * abs(g) * max(1.0 - side * cosine, 0.0);
+    return (1.0 - g * g) / (12.566370614 * max(base * sqrt(base), 1e-37));
+}

@@ -2,9 +2,11 @@
 
 use super::Gpu;
 use super::binding::Slot;
-use super::memory::Held;
+use super::memory::{Held, Image};
 use crate::camera::{Camera, Projection};
 use crate::frame::Frame;
+use crate::shade::sky::Sky;
+use crate::shade::sky::card::SkyUniform;
 use glam::DVec3;
 
 /// `Frame` of common.wgsl.
@@ -84,10 +86,12 @@ impl FrameUniform {
     }
 }
 
-/// Group 0 of a pass that asks for the frame alone.
+/// Group 0: the frame's uniforms, the sky's, and the table of clear air.
 pub struct FrameGroup {
-    /// The uniforms.
+    /// The frame's uniforms.
     pub buffer: Held<wgpu::Buffer>,
+    sky: Held<wgpu::Buffer>,
+    table: Image,
     /// The group's layout.
     pub layout: wgpu::BindGroupLayout,
     /// The group.
@@ -95,17 +99,30 @@ pub struct FrameGroup {
 }
 
 impl FrameGroup {
-    /// Makes the group.
+    /// Makes the group, of a dark sky.
     pub fn new(gpu: &Gpu) -> Self {
         let buffer = gpu.uniform::<FrameUniform>("frame");
-        let layout = gpu.layout("frame", &[Slot::Uniform]);
-        let group = gpu.group("frame", &layout, &[buffer.as_entire_binding()]);
-        Self { buffer, layout, group }
+        let sky = gpu.uniform::<SkyUniform>("sky");
+        let [columns, rows] = SkyUniform::TABLE;
+        let kind = (wgpu::TextureDimension::D2, wgpu::TextureFormat::Rgba32Float);
+        let table = gpu.texture("clear air", [columns, rows, 1], kind, wgpu::TextureUsages::empty());
+        let layout = gpu.layout("frame", &[Slot::Uniform, Slot::Uniform, Slot::Exact]);
+        let resources = [buffer.as_entire_binding(), sky.as_entire_binding(), table.binding()];
+        let group = gpu.group("frame", &layout, &resources);
+        Self { buffer, sky, table, layout, group }
     }
 
     /// Tells the passes of the next submission what to draw.
     pub fn set(&self, gpu: &Gpu, uniform: &FrameUniform) {
         gpu.write(&self.buffer, &[*uniform]);
+    }
+
+    /// Tells them under what sky. The table of clear air stays as it is unless a sky is given.
+    pub fn set_sky(&self, gpu: &Gpu, uniform: &SkyUniform, table: Option<&Sky>) {
+        gpu.write(&self.sky, &[*uniform]);
+        if let Some(sky) = table {
+            gpu.fill(&self.table, &sky.table());
+        }
     }
 }
 
@@ -197,6 +214,48 @@ mod tests {
                 pad1
             }
         );
+    }
+
+    #[test]
+    fn uniforms_of_sky_and_surroundings_lie_as_the_shaders_have_them() {
+        use crate::gpu::around::{Around, Blur, Window};
+        use crate::gpu::light::Tints;
+        use crate::gpu::shader::{AROUND, LOOK, MARCH};
+        use crate::shade::sky::card::SkyUniform as Sky;
+        assert_layout!(
+            MARCH,
+            Sky {
+                sun,
+                overcast,
+                grey,
+                high_cloud,
+                ground,
+                seed,
+                mean,
+                level,
+                upper,
+                cosine_low,
+                lower,
+                cosine_scale,
+                air_cloud,
+                disc_low,
+                air_town,
+                disc_scale,
+                air_high,
+                has_disc,
+                irradiance,
+                half_angle,
+                sun_pixel,
+                pad,
+                high,
+                disc,
+                harmonics,
+            }
+        );
+        assert_layout!(MARCH, Tints { strokes, quiet, pad0, pad1, pad2 });
+        assert_layout!(LOOK, Window { heading, half_width, bottom, top, columns, rows, pad0, pad1 });
+        assert_layout!(AROUND, Around { mean, sun_open, glow_centre, glow_radius, glow_radiance, pad0 });
+        assert_layout!(AROUND, Blur { moments });
     }
 
     fn cameras() -> [Camera; 2] {

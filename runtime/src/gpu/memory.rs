@@ -41,6 +41,13 @@ pub struct Image {
     pub view: wgpu::TextureView,
 }
 
+impl Image {
+    /// The view, to be bound.
+    pub fn binding(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::TextureView(&self.view)
+    }
+}
+
 impl Gpu {
     /// A buffer of zeros. A size below 16 becomes 16: a binding must not be empty.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Held<wgpu::Buffer> {

@@ -325,6 +325,6 @@ fn streak_fragment(in: StreakVertex) -> @location(0) vec4f {
         discard;
     }
     let cover = select(-log(1.0 - alpha), alpha * (1.0 + alpha * (0.5 + alpha / 3.0)), alpha < 0.01);
-    let shown = drawn[in.number].light.xyz * (cover * LIGHT_UNIT * light.around.w);
+    let shown = drawn[in.number].light.xyz * (cover * LIGHT_UNIT * streak_unit());
     return vec4f(min(shown, vec3f(30000.0)), cover * COVER_UNIT);
 }

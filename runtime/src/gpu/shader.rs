@@ -37,6 +37,11 @@ const TOWN_MIX: &str = include_str!("town_mix.wgsl");
 /// The cloud's grid, in group 1.
 const CLOUD: &str = include_str!("cloud.wgsl");
 
+/// The sky, in group 0.
+const SKY: &str = include_str!("sky.wgsl");
+/// The march, with the cloud's volumes in groups 1 and 2.
+const VOLUME: &str = include_str!("volume.wgsl");
+
 macro_rules! shaders {
     ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
         $($(#[$doc])* pub(crate) const $constant: Shader =
@@ -83,6 +88,20 @@ shaders! {
     ROWS = "rows" [];
     /// Sums of rows back to light per cell.
     HAAR = "haar" [CLOUD];
+    /// Direct light of strokes.
+    DIRECT = "direct" [CLOUD];
+    /// Light per cell into volumes.
+    PACK = "pack" [CLOUD];
+    /// The picture's sky, and the cloud over it.
+    MARCH = "march" [COMMON, SKY, CLOUD, VOLUME];
+    /// Maps of what is around the eye.
+    LOOK = "look" [COMMON, SKY, CLOUD, VOLUME];
+    /// What those maps come to.
+    AROUND = "around" [COMMON];
+    /// The town before the sky.
+    COMPOSE = "compose" [COMMON, SKY];
+    /// A finished picture onto the caller's texture.
+    SHOW = "show" [COMMON];
 }
 
 #[cfg(test)]

@@ -164,7 +164,7 @@ impl TonePasses {
         tone: &Tone,
         (developed, format): (Developed, wgpu::TextureFormat),
     ) -> Result<(), RuntimeError> {
-        let bloom = &tone.glow;
+        let bloom = &tone.bloom;
         let amount = bloom.amount.clamp(0.0, 1.0);
         let known = self.chain.as_ref().map_or(0, |chain| chain.sizes.len());
         self.levels = known.min(bloom.levels as usize);

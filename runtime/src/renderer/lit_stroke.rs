@@ -6,17 +6,17 @@ use glam::DVec3;
 use std::sync::Arc;
 
 /// Height of the middle of a cloud, that clear air is looked through to, m.
-pub(super) const CLOUD_M: f64 = 4_000.0;
+pub(crate) const CLOUD_M: f64 = 4_000.0;
 /// Highest eye that clear air's density is known for, m.
 const HIGHEST_EYE_M: f64 = 1e5;
 
 /// Height above the ground of an eye that is measured from the scene's place, m.
-pub(super) fn eye_height(eye: DVec3) -> f64 {
+pub(crate) fn eye_height(eye: DVec3) -> f64 {
     eye.z.clamp(0.0, HIGHEST_EYE_M)
 }
 
 /// A stroke that flashes.
-pub(super) struct LitStroke {
+pub(crate) struct LitStroke {
     pub stroke: Arc<Stroke>,
     /// Colour times brightness.
     pub scale: [f32; 3],

@@ -13,7 +13,7 @@ use squall_formats::units::Radians;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// The map of all directions: columns and rows, 1.9° apart.
-const SIZE: [usize; 2] = [193, 97];
+pub(crate) const SIZE: [usize; 2] = [193, 97];
 
 /// Sky, cloud and ground in all directions from `eye`, coarsely.
 pub fn look_around(eye: DVec3, beyond: &Beyond<'_>) -> Environment {

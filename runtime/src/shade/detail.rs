@@ -99,6 +99,18 @@ impl Detail {
         Ok(detail)
     }
 
+    /// Voxels along each side of the table, its values (x fastest) and how many voxels there are a metre.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn table(&self) -> (u32, &[u8], f32) {
+        (SIDE as u32, self.table.as_slice(), self.voxels_per_metre)
+    }
+
+    /// The raw noise's cumulative distribution: [`Detail::noise`] at even steps of it; two values where there is no detail.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn ranks(&self) -> &[f32] {
+        &self.ranks
+    }
+
     /// Measures how often each raw value occurs, so that [`Detail::noise`] is uniform.
     fn rank(&mut self, seed: u32) {
         const DRAWS: usize = 1 << 16;

@@ -8,6 +8,8 @@
 //! spectrum; a picture takes them as its primaries.
 
 pub mod atmosphere;
+#[cfg(feature = "gpu")]
+pub(crate) mod card;
 mod disc;
 pub mod harmonics;
 

@@ -15,8 +15,8 @@ pub const DEGREE: usize = 20;
 /// Harmonics up to it.
 pub const COUNT: usize = (DEGREE + 1) * (DEGREE + 1);
 /// Rings at Gauss and Legendre's heights and directions on each that a world is sampled at.
-const RINGS: usize = 64;
-const SPOKES: usize = 128;
+pub(crate) const RINGS: usize = 64;
+pub(crate) const SPOKES: usize = 128;
 
 /// Degree of the i-th harmonic.
 pub fn degree_of(i: usize) -> usize {
@@ -49,6 +49,12 @@ impl Basis {
             }
         }
         basis
+    }
+
+    /// The factors a and a·b of Q_l = a z Q_{l−1} − a b Q_{l−2} for the pair of degree `l` and order `m`, and Q_mm.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn step(&self, l: usize, m: usize) -> ([f64; 2], f64) {
+        (self.steps[l * l + l + m], self.starts[m])
     }
 
     /// The value of every harmonic in unit direction `d`.
@@ -90,7 +96,7 @@ impl Basis {
 
 /// Heights and weights of Gauss and Legendre's rule, by Newton's steps from its asymptotic nodes. (The transport's own needs a
 /// feature that a runtime may lack.)
-fn rings() -> impl Iterator<Item = [f64; 2]> {
+pub(crate) fn rings() -> impl Iterator<Item = [f64; 2]> {
     let count = RINGS as f64;
     (0..RINGS).map(move |ring| {
         let mut z = libm::cos(PI * (ring as f64 + 0.75) / (count + 0.5));

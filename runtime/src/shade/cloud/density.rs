@@ -73,6 +73,11 @@ impl CloudShape {
         Self { distances: distances(shape, filled), ceilings: ceilings(shape, &cloud.extinction) }
     }
 
+    /// Largest extinction around each cell, 1/m, x fastest.
+    pub fn ceilings(&self) -> &[f32] {
+        &self.ceilings
+    }
+
     /// Steps to the nearest cube of eight centres with cloud in it, a cube, x fastest; all cubes closer than that are empty.
     pub fn distances(&self) -> &[u8] {
         &self.distances

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 /// Exponent α of the disc's darkening towards its limb, I(μ) = I(1) μ^α, with μ the cosine of the angle between line of sight
 /// and the sun's surface: −0.023 + 0.292 µm/λ at the middles of the bands, 0.615, 0.535 and 0.465 µm. \[hestroffer\]
-const LIMB: [f32; 3] = [0.452, 0.523, 0.605];
+pub(super) const LIMB: [f32; 3] = [0.452, 0.523, 0.605];
 /// Half widths of the disc that a pixel is wide beyond which samples are not asked: two whole discs.
 const WIDE: f64 = 4.0;
 /// Samples along each side of a pixel that the disc's edge may cross.
@@ -29,7 +29,7 @@ impl Sky {
     }
 
     /// Share of the sun's light that overcast and high cloud let through.
-    fn open_to_the_sun(&self) -> f32 {
+    pub(super) fn open_to_the_sun(&self) -> f32 {
         (1.0 - self.overcast) * (1.0 - self.high_cloud_opacity(self.sun_direction()))
     }
 

@@ -3,7 +3,7 @@
 use super::choice::Choice;
 use super::prepare::{PatternFrame, PatternLight, Prepared};
 use super::profile::Profile;
-use super::thin::tables::TableSizes;
+use super::thin::flat::TableSizes;
 use super::{StreakSet, prepare::Cosines};
 use crate::gpu::rain::PatternHead;
 use crate::parallel::prelude::*;
@@ -36,7 +36,7 @@ impl StreakSet {
     pub(crate) fn tables(&self) -> StreakTables {
         let numbers: Vec<u32> = (0..self.patterns.len() as u32).collect();
         // A pattern takes milliseconds to prepare.
-        numbers.par_iter().for_each(|number| drop(self.prepared(*number)));
+        numbers.par_iter().for_each(|number| _ = self.prepared(*number));
         let mut out = StreakTables {
             heads: Vec::new(),
             tables: Vec::new(),
@@ -61,7 +61,7 @@ impl StreakSet {
 impl StreakTables {
     fn add(&mut self, prepared: &Prepared, mean: f32) -> PatternHead {
         let mut head = PatternHead::default();
-        let ([u, v], body) = (prepared.range(), &prepared.body);
+        let ([u, v], body) = (prepared.range, &prepared.body);
         let four = |a: [f64; 2], b: [f64; 2]| [a[0], a[1], b[0], b[1]].map(|value| value as f32);
         (head.body, head.range) = (four(body.u, body.v), four(u, v));
         head.light = [mean, prepared.finest as f32, 0.0, 0.0];

@@ -1,0 +1,246 @@
+//! The world around the eye on the card: maps of directions, its harmonics, what phase functions show of it, the lit cloud as one
+//! light. Nothing of it comes back to the processor inside a frame.
+
+use super::Gpu;
+use super::binding::{Kernel, Slot};
+use super::clock::Recorder;
+use super::frame::FrameGroup;
+use super::memory::{Held, Image};
+use super::shader::{AROUND, LOOK};
+use super::targets::LIGHT;
+use super::volume::Volumes;
+use crate::camera::Camera;
+use crate::medium::Phase;
+use crate::renderer::draw::{MIRROR_HALF_WIDTH, MIRROR_SIZE, MIRROR_TOP, heading_of};
+use crate::renderer::world::SIZE;
+use crate::world::degrees::{Basis, COUNT, DEGREE, RINGS, SPOKES, rings};
+use std::f32::consts::{FRAC_PI_2, PI};
+
+/// Phase functions that the world is blurred by at once: the drops' and the medium's.
+pub const PHASES: usize = 2;
+/// Texels along the side of a blurred world, on the unfolded octahedron.
+pub const BLURRED: u32 = 161;
+/// Rays of the glow and the one towards the sun.
+const GLOW_RAYS: u32 = 96 * 32 + 1;
+/// Cosines and sines of a ring.
+const WAVES: usize = 2 * DEGREE + 1;
+/// Pairs of a degree and an order from 0.
+const PAIRS: usize = (DEGREE + 1) * (DEGREE + 2) / 2;
+
+/// `Window` of look.wgsl: directions that a map holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Window {
+    pub heading: f32,
+    pub half_width: f32,
+    pub bottom: f32,
+    pub top: f32,
+    pub columns: u32,
+    pub rows: u32,
+    pub pad0: u32,
+    pub pad1: u32,
+}
+
+impl Window {
+    /// All directions.
+    fn whole() -> Self {
+        let [columns, rows] = SIZE.map(|count| count as u32);
+        Self { half_width: PI, bottom: -FRAC_PI_2, top: FRAC_PI_2, columns, rows, ..Self::default() }
+    }
+
+    /// Where the mirrors of what `camera` sees look.
+    fn mirrored(camera: &Camera) -> Self {
+        let [columns, rows] = MIRROR_SIZE.map(|count| count as u32);
+        let (heading, top) = (heading_of(camera).0 as f32, MIRROR_TOP as f32);
+        Self { heading, half_width: MIRROR_HALF_WIDTH as f32, top, columns, rows, ..Self::default() }
+    }
+}
+
+/// `Around` of around.wgsl: what other passes are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Around {
+    pub mean: [f32; 3],
+    pub sun_open: f32,
+    pub glow_centre: [f32; 3],
+    pub glow_radius: f32,
+    pub glow_radiance: [f32; 3],
+    pub pad0: f32,
+}
+
+/// `Blur` of around.wgsl.
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Blur {
+    pub moments: [[f32; 4]; DEGREE + 1],
+}
+
+impl Blur {
+    fn of(phase: &Phase) -> Self {
+        let moment = |degree: usize| {
+            let [r, g, b] = phase.moments(degree).map(|band| band as f32);
+            [r, g, b, 0.0]
+        };
+        Self { moments: std::array::from_fn(moment) }
+    }
+}
+
+/// The world around the eye.
+pub struct AroundPass {
+    kernels: [Kernel; 6],
+    /// All directions, in the frame's unit: azimuth from −π to π, elevation from −π/2 to π/2, on the outer texels' middles.
+    pub around: Image,
+    /// Where mirrors look, in the frame's unit; its window is the one that [`AroundPass::window`] holds.
+    pub mirror: Image,
+    /// The mirrors' window, a uniform buffer.
+    pub window: Held<wgpu::Buffer>,
+    /// What the world is blurred to by each phase function, on the unfolded octahedron, nodes on the outer texels' middles.
+    pub blurred: [Image; PHASES],
+    /// The [`Around`] of the frame, a storage buffer.
+    pub told: Held<wgpu::Buffer>,
+    blurs: [Held<wgpu::Buffer>; PHASES],
+    phases: [Option<Phase>; PHASES],
+    groups: Groups,
+    _buffers: Vec<Held<wgpu::Buffer>>,
+}
+
+struct Groups {
+    around: wgpu::BindGroup,
+    mirror: wgpu::BindGroup,
+    read: wgpu::BindGroup,
+    written: wgpu::BindGroup,
+    blurs: [wgpu::BindGroup; PHASES],
+}
+
+/// Legendre's functions at the rings, each with its ring's share, and behind them the rings' heights.
+fn legendre(basis: &Basis) -> Vec<f32> {
+    let mut table = vec![0.0f32; RINGS * (PAIRS + 1)];
+    for (ring, [z, weight]) in rings().enumerate() {
+        let share = weight * 2.0 * std::f64::consts::PI / SPOKES as f64;
+        let rho = (1.0 - z * z).sqrt();
+        table[RINGS * PAIRS + ring] = z as f32;
+        let mut power = 1.0;
+        for m in 0..=DEGREE {
+            let scale = share * power * if m > 0 { std::f64::consts::SQRT_2 } else { 1.0 };
+            let (mut below, mut own) = (0.0, basis.step(m, m).1);
+            for l in m..=DEGREE {
+                if l > m {
+                    let ([a, ab], _) = basis.step(l, m);
+                    (below, own) = (own, a * z * own - ab * below);
+                }
+                table[ring * PAIRS + l * (l + 1) / 2 + m] = (scale * own) as f32;
+            }
+            power *= rho;
+        }
+    }
+    table
+}
+
+impl AroundPass {
+    /// Compiles the passes.
+    pub fn new(gpu: &Gpu, frame: &FrameGroup, volumes: &Volumes) -> Self {
+        use wgpu::BufferUsages as Use;
+        let floats =
+            |label: &str, count: usize| gpu.buffer(label, 4 * count as u64, Use::STORAGE | Use::COPY_SRC);
+        let flat = |label: &str, size: [u32; 2]| gpu.target(label, size, LIGHT);
+        let around = flat("around", SIZE.map(|count| count as u32));
+        let mirror = flat("mirrors' map", MIRROR_SIZE.map(|count| count as u32));
+        let blurred = [(); PHASES].map(|()| flat("blurred world", [BLURRED; 2]));
+        let window = gpu.uniform::<Window>("mirrors' window");
+        let whole = gpu.uniform::<Window>("all directions");
+        gpu.write(&whole, &[Window::whole()]);
+        let (rays, told) = (floats("glow", 4 * GLOW_RAYS as usize), floats("around", 12));
+        let basis = Basis::new();
+        let table = gpu.storage("Legendre's functions", &legendre(&basis));
+        let pairs = (0..=DEGREE).flat_map(|l| (0..=l).map(move |m| (l, m)));
+        let steps: Vec<[f32; 2]> = pairs.map(|(l, m)| basis.step(l, m).0.map(|step| step as f32)).collect();
+        let steps = gpu.storage("recurrence", &steps);
+        let (turned, harmonics) = (floats("rings", 4 * RINGS * WAVES), floats("harmonics", 4 * COUNT));
+        let blurs = [(); PHASES].map(|()| gpu.uniform::<Blur>("phase function"));
+
+        let look = gpu.layout("map", &[Slot::Uniform, Slot::Store(LIGHT), Slot::Write]);
+        let read = gpu.layout("what is around", &[Slot::Flat, Slot::Read, Slot::Read, Slot::Read]);
+        let written = gpu.layout("what it comes to", &[Slot::Write, Slot::Write, Slot::Write]);
+        let blur = gpu.layout("blur", &[Slot::Uniform, Slot::Store(LIGHT)]);
+        let map = |window: &Held<wgpu::Buffer>, image: &Image| {
+            let resources = [window.as_entire_binding(), image.binding(), rays.as_entire_binding()];
+            gpu.group("map", &look, &resources)
+        };
+        let all = [
+            around.binding(),
+            rays.as_entire_binding(),
+            table.as_entire_binding(),
+            steps.as_entire_binding(),
+        ];
+        let sums = [&turned, &harmonics, &told].map(|buffer| buffer.as_entire_binding());
+        let groups = Groups {
+            around: map(&whole, &around),
+            mirror: map(&window, &mirror),
+            read: gpu.group("what is around", &read, &all),
+            written: gpu.group("what it comes to", &written, &sums),
+            blurs: std::array::from_fn(|i| {
+                gpu.group("blur", &blur, &[blurs[i].as_entire_binding(), blurred[i].binding()])
+            }),
+        };
+        let [cloud, light] = &volumes.layouts;
+        let looking = [Some(&frame.layout), Some(cloud), Some(light), Some(&look)];
+        let summing = [Some(&frame.layout), Some(&read), Some(&written), Some(&blur)];
+        let (eyes, sums) = (gpu.module(&LOOK), gpu.module(&AROUND));
+        let kernels = [
+            gpu.kernel(&eyes, "look_around", &looking),
+            gpu.kernel(&eyes, "follow_glow", &looking),
+            gpu.kernel(&sums, "turn_rings", &summing[..3]),
+            gpu.kernel(&sums, "project_harmonics", &summing[..3]),
+            gpu.kernel(&sums, "blur_harmonics", &summing),
+            gpu.kernel(&sums, "sum_glow", &summing[..3]),
+        ];
+        let buffers = vec![whole, rays, table, steps, turned, harmonics];
+        let phases = [const { None }; PHASES];
+        Self { kernels, around, mirror, window, blurred, told, blurs, phases, groups, _buffers: buffers }
+    }
+
+    /// Tells the next submission where mirrors look and which phase functions ask.
+    pub fn set(&mut self, gpu: &Gpu, camera: &Camera, phases: [&Phase; PHASES]) {
+        gpu.write(&self.window, &[Window::mirrored(camera)]);
+        for (i, phase) in phases.into_iter().enumerate() {
+            if self.phases[i].as_ref() != Some(phase) {
+                gpu.write(&self.blurs[i], &[Blur::of(phase)]);
+                self.phases[i] = Some(phase.clone());
+            }
+        }
+    }
+
+    /// Puts the maps and what they come to on record; mirrors only where something mirrors.
+    pub fn record(
+        &self,
+        recorder: &mut Recorder<'_>,
+        (frame, volumes): (&FrameGroup, &Volumes),
+        (has_mirrors, phases): (bool, usize),
+    ) {
+        let [look, follow, turn, project, blur, glow] = &self.kernels;
+        let [cloud, light] = &volumes.groups;
+        let own = Some(&frame.group);
+        let size = |[x, y]: [u32; 2]| [x.div_ceil(8), y.div_ceil(8), 1];
+        recorder.pass("around", |pass| {
+            let groups = [own, Some(cloud), Some(light), Some(&self.groups.around)];
+            pass.run(look, &groups, size(SIZE.map(|count| count as u32)));
+            pass.run(follow, &groups, [GLOW_RAYS.div_ceil(64), 1, 1]);
+        });
+        if has_mirrors {
+            recorder.pass("mirrors", |pass| {
+                let groups = [own, Some(cloud), Some(light), Some(&self.groups.mirror)];
+                pass.run(look, &groups, size(MIRROR_SIZE.map(|count| count as u32)));
+            });
+        }
+        recorder.pass("harmonics", |pass| {
+            let mut groups = [own, Some(&self.groups.read), Some(&self.groups.written), None];
+            pass.run(turn, &groups, [RINGS as u32, 1, 1]);
+            pass.run(project, &groups, [(COUNT as u32).div_ceil(64), 1, 1]);
+            pass.run(glow, &groups, [1, 1, 1]);
+            for own in &self.groups.blurs[..phases] {
+                groups[3] = Some(own);
+                pass.run(blur, &groups, size([BLURRED; 2]));
+            }
+        });
+    }
+}
