@@ -29,6 +29,8 @@ pub struct GpuReport {
     pub passes: Vec<PassTime>,
     /// Bytes of buffers and textures that are held.
     pub bytes_held: u64,
+    /// Whether the device was lost once, and another one took over.
+    pub recovered: bool,
 }
 
 impl GpuReport {

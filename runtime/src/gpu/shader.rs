@@ -100,8 +100,6 @@ shaders! {
     AROUND = "around" [COMMON];
     /// The town before the sky.
     COMPOSE = "compose" [COMMON, SKY];
-    /// A finished picture onto the caller's texture.
-    SHOW = "show" [COMMON];
 }
 
 #[cfg(test)]

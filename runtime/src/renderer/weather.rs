@@ -336,6 +336,11 @@ impl Weather {
         &self.rain.arguments
     }
 
+    /// Streaks that there is room for.
+    pub fn room(&self) -> u32 {
+        self.rain.capacity
+    }
+
     /// Share of light that the medium left, per pixel.
     pub fn left(&self) -> Option<&Image> {
         self.medium.left.as_ref().filter(|_| self.rains)
@@ -364,3 +369,6 @@ fn lamp_spots(scene: &Scene, (frame, sky): (&Frame, &Sky)) -> Vec<SpotSource> {
     };
     lamps.iter().map(spot).collect()
 }
+
+#[cfg(test)]
+mod tests;
