@@ -31,7 +31,7 @@ use std::sync::Arc;
 
 /// The passes of one asset's weather.
 pub struct Weather {
-    town: TownGroup,
+    pub town: TownGroup,
     pub group: RainGroup,
     rain: RainPasses,
     shown: ShownPass,
@@ -299,7 +299,14 @@ impl Weather {
         self.spots.set_frame(gpu, &scales, self.rains, scene.town.is_some());
     }
 
-    /// Puts the weather on record, over `targets.picture`.
+    /// Puts on record what rain shows of the world: the town's mirrors look through rain.
+    pub fn record_shown(&self, recorder: &mut Recorder<'_>, frame: &wgpu::BindGroup) {
+        if self.rains {
+            self.shown.record(recorder, frame);
+        }
+    }
+
+    /// Puts the weather on record, over `targets.picture`; after [`Weather::record_shown`].
     pub fn record(
         &mut self,
         gpu: &Gpu,
@@ -313,7 +320,6 @@ impl Weather {
         let Some(sized) = &self.sized else { return };
         let (town, rain) = (&self.town.group, &self.group.group);
         if self.rains {
-            self.shown.record(recorder, frame);
             self.rain.find(gpu, recorder, [frame, town, rain], self.frame.flags[0]);
             self.rain.draw(recorder, [frame, rain], &sized.layer.view);
             self.medium.record(recorder, [frame, rain]);

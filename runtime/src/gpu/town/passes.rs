@@ -6,7 +6,7 @@
 //! 4. The pixels on the list, each on its own: edges of surfaces, shadows' edges, shores.
 
 use super::TownGroup;
-use super::light::{TownGlow, TownLights, TownSource, TownView};
+use super::light::{TownLights, TownSource, TownView};
 use super::surface::TownSurfaces;
 use crate::camera::Camera;
 use crate::error::RuntimeError;
@@ -28,8 +28,8 @@ const MADE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Uint;
 /// The list's head: workgroups of the pass over it along each axis, pixels on it.
 const HEAD: [u32; 4] = [0, 1, 1, 0];
 
-/// Slots of what lights a town: view, lights, the two maps, glow.
-const LIT: [Slot; 5] = [Slot::Uniform, Slot::Read, Slot::Exact, Slot::Exact, Slot::Uniform];
+/// Slots of what lights a town: view, lights, the two maps.
+const LIT: [Slot; 4] = [Slot::Uniform, Slot::Read, Slot::Exact, Slot::Exact];
 /// Pictures of nodes.
 const NODES: [Slot; 3] = [Slot::Exact; 3];
 
@@ -39,12 +39,14 @@ pub struct TownPasses {
     layouts: [wgpu::BindGroupLayout; 5],
     surfaces: TownSurfaces,
     view: Held<wgpu::Buffer>,
-    /// What the lit cloud sheds, and the share of the sun that it lets through: written, or copied from what a pass measured.
-    pub glow: Held<wgpu::Buffer>,
     sources: Held<wgpu::Buffer>,
     kept: Option<Kept>,
     seen_by: Option<(Camera, TownView)>,
+    lit_by: Option<(TownView, Vec<TownSource>)>,
+    /// Whether what pixels see is of another camera, quality or picture.
     is_stale: bool,
+    /// Whether light is other than that of the picture.
+    is_dark: bool,
 }
 
 /// What is as large as the picture.
@@ -64,7 +66,7 @@ pub struct TownTargets<'a> {
     pub maps: [&'a wgpu::TextureView; 2],
     /// Light times cover, and cover.
     pub town: &'a wgpu::TextureView,
-    /// Distance at every pixel's middle, m; 3e38 where it sees no town.
+    /// Distance at every pixel's middle, m; 1e30 where it sees no town.
     pub metres: &'a wgpu::TextureView,
 }
 
@@ -97,22 +99,17 @@ impl TownPasses {
             let groups = [Some(&frame.layout), Some(&surfaces.layout), rain, Some(&layouts[i])];
             gpu.kernel(&gpu.module(shaders[i]), entries[i], &groups)
         });
-        let glow = gpu.buffer(
-            "glow on the town",
-            size_of::<TownGlow>() as u64,
-            wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::STORAGE,
-        );
-        gpu.write(&glow, &[TownGlow::new(None, 1.0)]);
         Ok(Self {
             kernels,
             layouts,
             surfaces,
             view: gpu.uniform::<TownView>("view of the town"),
-            glow,
             sources: gpu.storage("lights on the town", &[TownSource::default()]),
             kept: None,
             seen_by: None,
+            lit_by: None,
             is_stale: true,
+            is_dark: true,
         })
     }
 
@@ -138,21 +135,29 @@ impl TownPasses {
             self.is_stale = true;
         }
         self.reserve(gpu, [frame.width, frame.height], bare.counts[2]);
-        gpu.write(&self.view, &[bare.lit_by(lights)]);
-        let mut sources = lights.sources();
-        if sources.is_empty() {
-            sources.push(TownSource::default());
+        let lit = (bare.lit_by(lights), lights.sources());
+        if self.lit_by.as_ref() != Some(&lit) {
+            gpu.write(&self.view, &[lit.0]);
+            self.send(gpu, &lit.1);
+            self.lit_by = Some(lit);
+            self.is_dark = true;
         }
-        let bytes = size_of_val(sources.as_slice()) as u64;
+        Ok(())
+    }
+
+    /// Sends the lights of the next frames.
+    fn send(&mut self, gpu: &Gpu, sources: &[TownSource]) {
+        let bytes = size_of_val(sources) as u64;
         if self.sources.size() < bytes {
-            // Grown by halves, so that a flash with more branches seldom makes it grow again.
+            // Larger by half, so that a flash with more branches seldom makes it grow again.
             self.sources = gpu.buffer("lights on the town", bytes * 3 / 2, wgpu::BufferUsages::STORAGE);
             if let Some(kept) = &mut self.kept {
                 kept.groups = None;
             }
         }
-        gpu.write(&self.sources, &sources);
-        Ok(())
+        if !sources.is_empty() {
+            gpu.write(&self.sources, sources);
+        }
     }
 
     /// Makes what is as large as the picture, where that changed.
@@ -185,7 +190,7 @@ impl TownPasses {
         let rest = kept.rest.as_entire_binding();
         let nodes = kept.nodes.each_ref().map(|node| picture(&node.view));
         let [mirror, around] = targets.maps.map(picture);
-        let lit = [view.clone(), sources, mirror, around, self.glow.as_entire_binding()];
+        let lit = [view.clone(), sources, mirror, around];
         let pair = [seen.clone(), made.clone()];
         let lists = [
             vec![view.clone(), seen.clone(), picture(targets.metres)],
@@ -205,9 +210,19 @@ impl TownPasses {
         self.kept.as_ref().is_some_and(|kept| kept.groups.is_none())
     }
 
-    /// Draws the town. Nothing need be drawn while camera, lights, maps and rain stay as they are: its picture is kept.
-    pub fn record(&mut self, gpu: &Gpu, recorder: &mut Recorder<'_>, [frame, rain]: [&wgpu::BindGroup; 2]) {
+    /// Draws the town, unless it is as it was drawn last: camera and lights are those of then, and neither maps nor rain nor what is
+    /// around the eye are `changed`.
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        recorder: &mut Recorder<'_>,
+        [frame, rain]: [&wgpu::BindGroup; 2],
+        changed: bool,
+    ) {
         let Some(kept) = &self.kept else { return };
+        if !(changed || self.is_stale || self.is_dark) {
+            return;
+        }
         let Some(groups) = &kept.groups else { return };
         gpu.write(&kept.rest, &HEAD);
         let tiles = |size: [u32; 2]| [size[0].div_ceil(8), size[1].div_ceil(8), 1];
@@ -225,7 +240,7 @@ impl TownPasses {
         recorder.pass("town: nodes", |pass| pass.run(&self.kernels[2], &group_of(2), nodes));
         recorder.pass("town: pixels", |pass| pass.run(&self.kernels[3], &group_of(3), whole));
         recorder.pass("town: rest", |pass| pass.run_indirect(&self.kernels[4], &group_of(4), &kept.rest));
-        self.is_stale = false;
+        (self.is_stale, self.is_dark) = (false, false);
     }
 
     /// The list of pixels that no node stood for in the last frame: four numbers, the last of them its length, then pixels.

@@ -1,9 +1,10 @@
-use super::light::{TownGlow, TownLights, TownSource, TownView};
+use super::light::{TownLights, TownSource, TownView};
 use super::passes::{TownPasses, TownTargets};
 use super::surface::{MAPS_ACROSS, TownGround, TownPart, TownWall, check};
 use super::*;
 use crate::assert_layout;
 use crate::camera::Camera;
+use crate::gpu::around::Around;
 use crate::gpu::clock::Clock;
 use crate::gpu::frame::{FrameGroup, FrameUniform};
 use crate::gpu::half::value_of;
@@ -39,7 +40,6 @@ fn structs_lie_as_the_shaders_have_them() {
         TownView { counts, lines, measures, ambient, sun_towards, sun, mirror, around }
     );
     assert_layout!(TOWN_NODES, TownSource { start, share, end, pad, intensity, pad1 });
-    assert_layout!(TOWN_NODES, TownGlow { mean, sun_left, centre, radius, radiance, pad0 });
     assert_layout!(TOWN_NODES, TownWall { albedo, glass, radiance, seed, pitch, lit, pad, counts });
     assert_layout!(TOWN_NODES, TownPart { a, b, c });
     assert_layout!(
@@ -200,6 +200,7 @@ struct Card {
     frame: FrameGroup,
     rain: RainGroup,
     harmonics: Held<wgpu::Buffer>,
+    told: Held<wgpu::Buffer>,
     shown: ShownPass,
     passes: TownPasses,
     maps: [Image; 2],
@@ -214,7 +215,8 @@ impl Card {
         let frame = FrameGroup::new(gpu);
         frame.set(gpu, &FrameUniform::of_camera(&camera(), 1.0));
         let rays = TownGroup::new(gpu, Some(town));
-        let rain = RainGroup::new(gpu, &StreakSet::new(&StreakSection::default()).tables());
+        let told = gpu.uniform::<Around>("around");
+        let rain = RainGroup::new(gpu, &StreakSet::new(&StreakSection::default()).tables(), &told);
         let harmonics = gpu.storage("harmonics", &WorldLight::default().all_coefficients());
         let shown = ShownPass::new(gpu, &frame.layout, &rain, &harmonics);
         let passes = TownPasses::new(gpu, &frame, (town, &rays), &rain).unwrap();
@@ -226,6 +228,7 @@ impl Card {
             frame,
             rain,
             harmonics,
+            told,
             shown,
             passes,
             maps: windows().map(map),
@@ -264,7 +267,12 @@ impl Card {
             windows: windows(),
         };
         self.passes.set(gpu, &camera, quality, &lights).unwrap();
-        gpu.write(&self.passes.glow, &[TownGlow::new(case.glow.as_ref(), 1.0)]);
+        let mut told = Around { sun_open: 1.0, ..Around::default() };
+        if let Some(glow) = &case.glow {
+            (told.glow_centre, told.glow_radius) = (glow.centre.to_array(), glow.radius);
+            told.glow_radiance = glow.radiance;
+        }
+        gpu.write(&self.told, &[told]);
         if self.passes.wants_targets() {
             let maps = self.maps.each_ref().map(|map| &map.view);
             let (town, metres) = (&self.picture.view, &self.metres.view);
@@ -276,7 +284,7 @@ impl Card {
         self.light(case, quality);
         let mut recorder = self.clock.record(false);
         self.shown.record(&mut recorder, &self.frame.group);
-        self.passes.record(&self.gpu, &mut recorder, [&self.frame.group, &self.rain.group]);
+        self.passes.record(&self.gpu, &mut recorder, [&self.frame.group, &self.rain.group], true);
         self.back.copy(&mut recorder.encoder, &self.picture);
         recorder.submit();
         let texels = self.back.values::<[u16; 4]>().unwrap();
@@ -304,7 +312,7 @@ fn apart(wanted: &TownFrame, found: &Drawn) -> [f64; 3] {
         misses.push((0..3).map(off).sum::<f64>());
         whole += pixel.radiance.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>();
         covers += f64::from(u8::from((found.town[i][3] - pixel.cover).abs() > 1e-3));
-        let wanted = pixel.distance.min(3e38);
+        let wanted = pixel.distance.min(1e30);
         far += f64::from(u8::from((found.metres[i] - wanted).abs() > 1e-4 * wanted));
     }
     misses.sort_by(f64::total_cmp);
