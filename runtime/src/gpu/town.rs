@@ -49,11 +49,8 @@ impl TownGroup {
             Some(tables) => (tables.place, tables.nodes, tables.boxes, tables.heights),
             None => (TownPlace::default(), Vec::new(), Vec::new(), Vec::new()),
         };
-        let lists = [
-            gpu.list("tree over boxes", nodes),
-            gpu.list("boxes", boxes),
-            gpu.list("hills", heights),
-        ];
+        let lists =
+            [gpu.list("tree over boxes", nodes), gpu.list("boxes", boxes), gpu.list("hills", heights)];
         gpu.write(&place, &[own]);
         let [nodes, boxes, heights] = lists.each_ref().map(|list| list.as_entire_binding());
         let group = gpu.group("town", &layout, &[place.as_entire_binding(), nodes, boxes, heights]);
