@@ -11,22 +11,10 @@ struct TownSource {
     pad1: f32,
 }
 
-// The lit cloud as a ball, radiance 0 where nothing lights it; the share of the sun that it lets through. It lies as around.wgsl's
-// numbers do, which are copied here.
-struct TownGlow {
-    mean: vec3f,
-    sun_left: f32,
-    centre: vec3f,
-    radius: f32,
-    radiance: vec3f,
-    pad0: f32,
-}
-
 // Points, then balls, then the lines in them.
 @group(3) @binding(1) var<storage, read> lights: array<TownSource>;
 @group(3) @binding(2) var mirror_map: texture_2d<f32>;
 @group(3) @binding(3) var around_map: texture_2d<f32>;
-@group(3) @binding(4) var<uniform> glow: TownGlow;
 
 const SMOOTHEST: f32 = 1e-3;
 const FARTHEST_SHADE_M: f32 = 5e4;
@@ -184,11 +172,12 @@ fn sees_sun(start: vec3f) -> bool {
 // Irradiance of everything on a spot, W/m². (Town::irradiance)
 fn irradiance(spot: Spot) -> vec3f {
     var sum = sky_irradiance(spot.normal);
-    if glow.radius > 0.0 {
-        let way = glow.centre - spot.point;
+    // The lit cloud, as what looked around the eye has it.
+    if around.glow_radius > 0.0 {
+        let way = around.glow_centre - spot.point;
         let squared = max(dot(way, way), 1e-6);
         let cosine = max(dot(spot.normal, way) / sqrt(squared), 0.0);
-        sum += glow.radiance * (PI * min(glow.radius * glow.radius / squared, 1.0) * cosine);
+        sum += around.glow_radiance * (PI * min(around.glow_radius * around.glow_radius / squared, 1.0) * cosine);
     }
     let start = lifted(spot.point, spot.normal);
     for (var i = 0u; i < view.counts.w; i++) {
@@ -198,7 +187,7 @@ fn irradiance(spot: Spot) -> vec3f {
             sum += light.intensity * (own * rain_left(start, light.start));
         }
     }
-    let cosine = dot(spot.normal, view.sun_towards.xyz) * glow.sun_left;
+    let cosine = dot(spot.normal, view.sun_towards.xyz) * around.sun_open;
     if cosine > 0.0 && any(view.sun.xyz > vec3f(0.0)) && sees_sun(start) { sum += view.sun.xyz * cosine; }
     return sum + lamp_light(spot.point, spot.normal, spot.thing, sum);
 }
@@ -287,7 +276,7 @@ fn add_images(facets: vec3f, spot: Spot, to_viewer: vec3f, water_slope: f32) -> 
     if any(view.sun.xyz > vec3f(0.0)) {
         let disc = 0.25 * view.sun_towards.w;
         let wide = sqrt(slope * slope + disc * disc);
-        let share = rippled_highlight(spot.normal, view.sun_towards.xyz, to_viewer, wide) * glow.sun_left;
+        let share = rippled_highlight(spot.normal, view.sun_towards.xyz, to_viewer, wide) * around.sun_open;
         if share > 0.0 && sees_sun(start) { sum += view.sun.xyz * share; }
     }
     return sum;

@@ -1,10 +1,10 @@
 // Light at the nodes of a picture of the town: `shade::town::frame::strip`, Strip::node.
 
-@group(3) @binding(5) var seen_picture: texture_2d<u32>;
-@group(3) @binding(6) var made_picture: texture_2d<u32>;
-@group(3) @binding(7) var arriving_out: texture_storage_2d<rgba16float, write>;
-@group(3) @binding(8) var panes_out: texture_storage_2d<rgba16float, write>;
-@group(3) @binding(9) var mirrored_out: texture_storage_2d<rgba16float, write>;
+@group(3) @binding(4) var seen_picture: texture_2d<u32>;
+@group(3) @binding(5) var made_picture: texture_2d<u32>;
+@group(3) @binding(6) var arriving_out: texture_storage_2d<rgba16float, write>;
+@group(3) @binding(7) var panes_out: texture_storage_2d<rgba16float, write>;
+@group(3) @binding(8) var mirrored_out: texture_storage_2d<rgba16float, write>;
 
 @compute @workgroup_size(8, 8)
 fn light_nodes(@builtin(global_invocation_id) id: vec3u) {

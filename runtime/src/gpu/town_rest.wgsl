@@ -9,13 +9,13 @@ struct RestList {
     pixels: array<u32>,
 }
 
-@group(3) @binding(5) var seen_picture: texture_2d<u32>;
-@group(3) @binding(6) var made_picture: texture_2d<u32>;
-@group(3) @binding(7) var arriving_picture: texture_2d<f32>;
-@group(3) @binding(8) var panes_picture: texture_2d<f32>;
-@group(3) @binding(9) var mirrored_picture: texture_2d<f32>;
-@group(3) @binding(10) var town_out: texture_storage_2d<rgba16float, write>;
-@group(3) @binding(11) var<storage, read> rest: RestList;
+@group(3) @binding(4) var seen_picture: texture_2d<u32>;
+@group(3) @binding(5) var made_picture: texture_2d<u32>;
+@group(3) @binding(6) var arriving_picture: texture_2d<f32>;
+@group(3) @binding(7) var panes_picture: texture_2d<f32>;
+@group(3) @binding(8) var mirrored_picture: texture_2d<f32>;
+@group(3) @binding(9) var town_out: texture_storage_2d<rgba16float, write>;
+@group(3) @binding(10) var<storage, read> rest: RestList;
 
 // What was worked out for earlier samples of a pixel.
 struct Known {

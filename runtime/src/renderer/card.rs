@@ -6,6 +6,7 @@
 
 #[cfg(test)]
 mod tests;
+mod town;
 
 use super::draw::TOWN_M;
 use super::lit_stroke::{CLOUD_M, eye_height};
@@ -27,6 +28,7 @@ use crate::gpu::rain::DrawArguments;
 use crate::gpu::readback::Readback;
 use crate::gpu::targets::Targets;
 use crate::gpu::tone::{Developed, TonePasses};
+use crate::gpu::town::surface::check;
 use crate::gpu::volume::Volumes;
 use crate::gpu::{Gpu, GpuReport};
 use crate::parallel::prelude::*;
@@ -34,6 +36,7 @@ use crate::picture::Picture;
 use crate::shade::detail::{Detail, DetailParameters};
 use crate::shade::sky::{Sky, SkyParameters};
 use crate::tone::Tone;
+use town::CardTown;
 
 /// What draws.
 #[derive(Clone, Default)]
@@ -58,6 +61,7 @@ pub(super) struct Card {
     around: AroundPass,
     compose: ComposePass,
     weather: Weather,
+    town: Option<CardTown>,
     tone: TonePasses,
     /// The picture that the tone passes are bound to.
     shown: Option<([u32; 2], bool)>,
@@ -111,6 +115,7 @@ fn unit_of(brightest: f32, flashes: bool) -> f32 {
 
 impl Card {
     fn new(gpu: &Gpu, scene: &Scene, memory: &Memory) -> Result<Self, RuntimeError> {
+        scene.town.as_ref().map_or(Ok(()), check)?;
         let frame = FrameGroup::new(gpu);
         let (mut cloud, mut nothing) = (None, None);
         let volumes = match (&memory.clouds, &scene.cloud) {
@@ -129,8 +134,9 @@ impl Card {
             }
         };
         let around = AroundPass::new(gpu, &frame, &volumes);
-        let found = Found { frame: &frame, harmonics: &around.harmonics, told: &around.told };
-        let weather = Weather::new(gpu, scene, found)?;
+        let found = Found { frame: &frame.layout, harmonics: &around.harmonics, told: &around.told };
+        let weather = Weather::new(gpu, scene, found);
+        let town = CardTown::new(gpu, scene, &frame, &weather)?;
         Ok(Self {
             clock: Clock::new(gpu),
             back: Readback::new(gpu),
@@ -138,6 +144,7 @@ impl Card {
             around,
             compose: ComposePass::new(gpu, &frame),
             weather,
+            town,
             tone: TonePasses::new(gpu, &frame.layout),
             shown: None,
             drops: Readback::new(gpu),
@@ -216,7 +223,8 @@ impl Card {
         let undrawn = frame.medium.undrawn(undrawn);
         self.around.set(&gpu, camera, [&drops, undrawn.phase()]);
         let size = [camera.width, camera.height];
-        if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
+        let are_new = self.targets.as_ref().is_none_or(|targets| targets.size != size);
+        if are_new {
             let targets = Targets::new(&gpu, size);
             // Without a town nothing stands before the sky.
             gpu.fill(&targets.town_metres, &vec![NO_END_M; (size[0] * size[1]) as usize]);
@@ -225,7 +233,9 @@ impl Card {
         let Some(targets) = &self.targets else { return Ok(report) };
         let lit = self.weather.lit_strokes(scene, frame, sky)?;
         self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
-        self.weather.set_town(&gpu, scene, (frame, sky), &lit, (&self.around, targets));
+        if let Some(town) = &mut self.town {
+            town.set(&gpu, scene, (frame, sky), &lit, (targets, &self.around, are_new))?;
+        }
         self.set_tone(&gpu, size, is_wet, onto)?;
         let Some(targets) = &self.targets else { return Ok(report) };
 
@@ -239,8 +249,8 @@ impl Card {
             tints,
             had_around: has_around,
         };
-        let is_new = is_lit || seen.as_ref() != Some(&now);
-        if is_new {
+        let is_other = is_lit || seen.as_ref() != Some(&now);
+        if is_other {
             let same =
                 |seen: &Seen| (&seen.sky, &seen.camera, seen.unit) == (&now.sky, &now.camera, now.unit);
             let is_new = !seen.as_ref().is_some_and(same);
@@ -250,7 +260,11 @@ impl Card {
                 self.around.record(&mut recorder, (&self.frame, &self.volumes), asks);
             }
         }
-        self.weather.record_town(&gpu, &mut recorder, &self.frame.group, (&self.around, is_new));
+        self.weather.record_shown(&mut recorder, &self.frame.group);
+        if let Some(town) = &mut self.town {
+            let groups = [&self.frame.group, &self.weather.group.group];
+            town.record(&gpu, &mut recorder, groups, is_other);
+        }
         self.compose.record(&gpu, &mut recorder, (&self.frame, targets));
         self.weather.record(&gpu, &mut recorder, &self.frame.group, targets);
         match onto {

@@ -2,8 +2,6 @@
 //! channels, streaks over those. The order is that of [`super::draw`]; what is asked of the card comes from the frame alone, and from
 //! what the card itself found around the eye.
 
-mod town;
-
 use super::Scene;
 use super::channel;
 use super::draw::TOWN_M;
@@ -14,9 +12,7 @@ use crate::camera::Projection;
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::gpu::Gpu;
-use crate::gpu::around::AroundPass;
 use crate::gpu::clock::Recorder;
-use crate::gpu::frame::FrameGroup;
 use crate::gpu::medium::MediumPass;
 use crate::gpu::memory::Image;
 use crate::gpu::rain::{LAYER, NEAR_LAMPS, NearLamp, RainFrame, RainGroup, RainLight, RainPasses};
@@ -24,7 +20,6 @@ use crate::gpu::shown::ShownPass;
 use crate::gpu::spots::{NO_STROKE, STROKES, SpotPasses, SpotSource};
 use crate::gpu::targets::Targets;
 use crate::gpu::town::TownGroup;
-use crate::gpu::town::passes::TownPasses;
 use crate::medium::{Medium, Phase};
 use crate::rain::{Rain, RainPath, Workspace};
 use crate::shade::sky::{Sky, SkyParameters};
@@ -36,9 +31,7 @@ use std::sync::Arc;
 
 /// The passes of one asset's weather.
 pub struct Weather {
-    town: TownGroup,
-    /// What draws the asset's town.
-    painted: Option<town::CardTown>,
+    pub town: TownGroup,
     pub group: RainGroup,
     rain: RainPasses,
     shown: ShownPass,
@@ -82,8 +75,8 @@ struct PlacedFor {
 /// Groups of passes that come from others: the frame's, and what the card finds around the eye.
 #[derive(Clone, Copy)]
 pub struct Found<'a> {
-    /// The frame's group.
-    pub frame: &'a FrameGroup,
+    /// The frame's layout.
+    pub frame: &'a wgpu::BindGroupLayout,
     /// The world's harmonics.
     pub harmonics: &'a wgpu::Buffer,
     /// An [`crate::gpu::around::Around`].
@@ -92,24 +85,16 @@ pub struct Found<'a> {
 
 impl Weather {
     /// Compiles the passes and brings the asset's patterns and town to the card.
-    ///
-    /// Errors: a town that is larger than a card within WebGPU's default limits can hold.
-    pub fn new(gpu: &Gpu, scene: &Scene, found: Found<'_>) -> Result<Self, RuntimeError> {
-        let layout = &found.frame.layout;
+    pub fn new(gpu: &Gpu, scene: &Scene, found: Found<'_>) -> Self {
         let tables = scene.patterns.tables();
         let town = TownGroup::new(gpu, scene.town.as_ref());
         let group = RainGroup::new(gpu, &tables, found.told);
-        let rain = RainPasses::new(gpu, layout, &town.layout, &group, &tables);
-        let shown = ShownPass::new(gpu, layout, &group, found.harmonics);
-        let medium = MediumPass::new(gpu, layout, &group);
-        let spots = SpotPasses::new(gpu, [layout, &town.layout], &group, &medium.uniform);
-        let painted = match &scene.town {
-            Some(own) => Some(town::CardTown::new(TownPasses::new(gpu, found.frame, (own, &town), &group)?)),
-            None => None,
-        };
-        Ok(Self {
+        let rain = RainPasses::new(gpu, found.frame, &town.layout, &group, &tables);
+        let shown = ShownPass::new(gpu, found.frame, &group, found.harmonics);
+        let medium = MediumPass::new(gpu, found.frame, &group);
+        let spots = SpotPasses::new(gpu, [found.frame, &town.layout], &group, &medium.uniform);
+        Self {
             town,
-            painted,
             group,
             rain,
             shown,
@@ -121,7 +106,7 @@ impl Weather {
             placed_for: None,
             strokes: Vec::new(),
             rains: false,
-        })
+        }
     }
 
     /// Tells the next submission what weather the frame has, which is in the scene's coordinates.
@@ -314,39 +299,14 @@ impl Weather {
         self.spots.set_frame(gpu, &scales, self.rains, scene.town.is_some());
     }
 
-    /// Tells the next submission how the town is lit, after [`Weather::set`].
-    pub fn set_town(
-        &mut self,
-        gpu: &Gpu,
-        scene: &Scene,
-        (frame, sky): (&Frame, &Sky),
-        flashes: &[LitStroke],
-        (around, targets): (&AroundPass, &Targets),
-    ) {
-        let Some(painted) = &mut self.painted else { return };
-        let field = scene.rain_place.field(frame);
-        let undrawn = self.rains.then(|| frame.medium.undrawn(field.rate(frame.weather.rate)));
-        let rain = (undrawn.as_ref(), field.map().is_some());
-        painted.set(gpu, (frame, sky), flashes, rain, (around, targets));
-    }
-
-    /// Puts the town on record, before the sky is composed behind it; `is_new` says that cloud or sky around it are others.
-    pub fn record_town(
-        &mut self,
-        gpu: &Gpu,
-        recorder: &mut Recorder<'_>,
-        frame: &wgpu::BindGroup,
-        (around, is_new): (&AroundPass, bool),
-    ) {
+    /// Puts on record what rain shows of the world: the town's mirrors look through rain.
+    pub fn record_shown(&self, recorder: &mut Recorder<'_>, frame: &wgpu::BindGroup) {
         if self.rains {
             self.shown.record(recorder, frame);
         }
-        if let Some(painted) = &mut self.painted {
-            painted.record(gpu, recorder, [frame, &self.group.group], (around, is_new));
-        }
     }
 
-    /// Puts the weather on record, over `targets.picture`.
+    /// Puts the weather on record, over `targets.picture`; after [`Weather::record_shown`].
     pub fn record(
         &mut self,
         gpu: &Gpu,

@@ -5,7 +5,7 @@ use crate::gpu::rain::plain;
 use crate::shade::environment::EnvironmentWindow;
 use crate::shade::sky::harmonics::Harmonics;
 use crate::shade::town::frame::Quality;
-use crate::shade::town::light::{GlowLight, SceneLight};
+use crate::shade::town::light::SceneLight;
 use crate::shade::town::line::Images;
 use crate::world::Sun;
 
@@ -33,19 +33,7 @@ plain! {
         pad1: f32,
     }
 }
-plain! {
-    /// `TownGlow` of town_light.wgsl, as the pass that looks around tells it.
-    TownGlow {
-        mean: [f32; 3],
-        sun_left: f32,
-        centre: [f32; 3],
-        radius: f32,
-        radiance: [f32; 3],
-        pad0: f32,
-    }
-}
-
-/// Everything that shines on a town from outside but for the lit cloud's glow.
+/// Everything that shines on a town from outside but for the lit cloud's glow, which the card finds itself.
 pub struct TownLights<'a> {
     /// The sky's harmonics, W/(m² sr).
     pub ambient: &'a Harmonics,
@@ -112,14 +100,5 @@ impl TownLights<'_> {
         let mut sources: Vec<TownSource> = self.points.iter().map(point).collect();
         sources.extend(self.images.sources());
         sources
-    }
-}
-
-impl TownGlow {
-    /// Of the lit cloud, and of the share of the sun that the cloud lets through.
-    pub fn new(glow: Option<&GlowLight>, sun_left: f32) -> Self {
-        let Some(glow) = glow else { return Self { sun_left, ..Self::default() } };
-        let centre = glow.centre.to_array();
-        Self { centre, radius: glow.radius, radiance: glow.radiance, sun_left, ..Self::default() }
     }
 }

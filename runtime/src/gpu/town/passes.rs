@@ -6,11 +6,10 @@
 //! 4. The pixels on the list, each on its own: edges of surfaces, shadows' edges, shores.
 
 use super::TownGroup;
-use super::light::{TownGlow, TownLights, TownSource, TownView};
+use super::light::{TownLights, TownSource, TownView};
 use super::surface::TownSurfaces;
 use crate::camera::Camera;
 use crate::error::RuntimeError;
-use crate::gpu::Gpu;
 use crate::gpu::binding::{Kernel, Slot};
 use crate::gpu::clock::Recorder;
 use crate::gpu::frame::FrameGroup;
@@ -18,6 +17,7 @@ use crate::gpu::memory::{Held, Image};
 use crate::gpu::rain::RainGroup;
 use crate::gpu::shader::{TOWN_LOOK, TOWN_MADE, TOWN_NODES, TOWN_PIXELS, TOWN_REST};
 use crate::gpu::targets::{LIGHT, METRES};
+use crate::gpu::{Gpu, LARGEST_BINDING};
 use crate::shade::town::Town;
 use crate::shade::town::frame::Quality;
 
@@ -25,11 +25,11 @@ use crate::shade::town::frame::Quality;
 const SEEN: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 /// What it is made of.
 const MADE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Uint;
-/// Bytes of the list's head: how many workgroups follow it, how many pixels are on it.
+/// The list's head: workgroups of the pass over it along each axis, pixels on it.
 const HEAD: [u32; 4] = [0, 1, 1, 0];
 
-/// Slots of what lights a town: view, lights, the two maps, glow.
-const LIT: [Slot; 5] = [Slot::Uniform, Slot::Read, Slot::Exact, Slot::Exact, Slot::Uniform];
+/// Slots of what lights a town: view, lights, the two maps.
+const LIT: [Slot; 4] = [Slot::Uniform, Slot::Read, Slot::Exact, Slot::Exact];
 /// Pictures of nodes.
 const NODES: [Slot; 3] = [Slot::Exact; 3];
 
@@ -39,12 +39,14 @@ pub struct TownPasses {
     layouts: [wgpu::BindGroupLayout; 5],
     surfaces: TownSurfaces,
     view: Held<wgpu::Buffer>,
-    /// What the lit cloud sheds, and the share of the sun that it lets through: written, or copied from what a pass measured.
-    pub glow: Held<wgpu::Buffer>,
     sources: Held<wgpu::Buffer>,
     kept: Option<Kept>,
     seen_by: Option<(Camera, TownView)>,
+    lit_by: Option<(TownView, Vec<TownSource>)>,
+    /// Whether what pixels see is of another camera, quality or picture.
     is_stale: bool,
+    /// Whether light is other than that of the picture.
+    is_dark: bool,
 }
 
 /// What is as large as the picture.
@@ -64,7 +66,7 @@ pub struct TownTargets<'a> {
     pub maps: [&'a wgpu::TextureView; 2],
     /// Light times cover, and cover.
     pub town: &'a wgpu::TextureView,
-    /// Distance at every pixel's middle, m; 3e38 where it sees no town.
+    /// Distance at every pixel's middle, m; 1e30 where it sees no town.
     pub metres: &'a wgpu::TextureView,
 }
 
@@ -97,27 +99,35 @@ impl TownPasses {
             let groups = [Some(&frame.layout), Some(&surfaces.layout), rain, Some(&layouts[i])];
             gpu.kernel(&gpu.module(shaders[i]), entries[i], &groups)
         });
-        let glow = gpu.buffer(
-            "glow on the town",
-            size_of::<TownGlow>() as u64,
-            wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::STORAGE,
-        );
-        gpu.write(&glow, &[TownGlow::new(None, 1.0)]);
         Ok(Self {
             kernels,
             layouts,
             surfaces,
             view: gpu.uniform::<TownView>("view of the town"),
-            glow,
             sources: gpu.storage("lights on the town", &[TownSource::default()]),
             kept: None,
             seen_by: None,
+            lit_by: None,
             is_stale: true,
+            is_dark: true,
         })
     }
 
     /// Tells the next frames who looks and what shines; `frame` is the camera that the frame's uniforms are of.
-    pub fn set(&mut self, gpu: &Gpu, frame: &Camera, quality: Quality, lights: &TownLights<'_>) {
+    ///
+    /// Errors: a picture of more pixels than a list holds within WebGPU's default limits.
+    pub fn set(
+        &mut self,
+        gpu: &Gpu,
+        frame: &Camera,
+        quality: Quality,
+        lights: &TownLights<'_>,
+    ) -> Result<(), RuntimeError> {
+        let (pixels, most) = (u64::from(frame.width) * u64::from(frame.height), LARGEST_BINDING / 4 - 4);
+        if pixels > most {
+            let wanted = format!("a picture of at most {most} pixels");
+            return Err(RuntimeError::Device { wanted, found: pixels.to_string() });
+        }
         let bare = TownView::of_camera(frame, quality);
         let same = |(camera, view): &(Camera, TownView)| camera == frame && *view == bare;
         if !self.seen_by.as_ref().is_some_and(same) {
@@ -125,20 +135,29 @@ impl TownPasses {
             self.is_stale = true;
         }
         self.reserve(gpu, [frame.width, frame.height], bare.counts[2]);
-        gpu.write(&self.view, &[bare.lit_by(lights)]);
-        let mut sources = lights.sources();
-        if sources.is_empty() {
-            sources.push(TownSource::default());
+        let lit = (bare.lit_by(lights), lights.sources());
+        if self.lit_by.as_ref() != Some(&lit) {
+            gpu.write(&self.view, &[lit.0]);
+            self.send(gpu, &lit.1);
+            self.lit_by = Some(lit);
+            self.is_dark = true;
         }
-        let bytes = size_of_val(sources.as_slice()) as u64;
+        Ok(())
+    }
+
+    /// Sends the lights of the next frames.
+    fn send(&mut self, gpu: &Gpu, sources: &[TownSource]) {
+        let bytes = size_of_val(sources) as u64;
         if self.sources.size() < bytes {
-            // Grown by halves, so that a flash with more branches seldom makes it grow again.
+            // Larger by half, so that a flash with more branches seldom makes it grow again.
             self.sources = gpu.buffer("lights on the town", bytes * 3 / 2, wgpu::BufferUsages::STORAGE);
             if let Some(kept) = &mut self.kept {
                 kept.groups = None;
             }
         }
-        gpu.write(&self.sources, &sources);
+        if !sources.is_empty() {
+            gpu.write(&self.sources, sources);
+        }
     }
 
     /// Makes what is as large as the picture, where that changed.
@@ -171,7 +190,7 @@ impl TownPasses {
         let rest = kept.rest.as_entire_binding();
         let nodes = kept.nodes.each_ref().map(|node| picture(&node.view));
         let [mirror, around] = targets.maps.map(picture);
-        let lit = [view.clone(), sources, mirror, around, self.glow.as_entire_binding()];
+        let lit = [view.clone(), sources, mirror, around];
         let pair = [seen.clone(), made.clone()];
         let lists = [
             vec![view.clone(), seen.clone(), picture(targets.metres)],
@@ -191,9 +210,19 @@ impl TownPasses {
         self.kept.as_ref().is_some_and(|kept| kept.groups.is_none())
     }
 
-    /// Draws the town. Nothing need be drawn while camera, lights, maps and rain stay as they are: its picture is kept.
-    pub fn record(&mut self, gpu: &Gpu, recorder: &mut Recorder<'_>, [frame, rain]: [&wgpu::BindGroup; 2]) {
+    /// Draws the town, unless it is as it was drawn last: camera and lights are those of then, and neither maps nor rain nor what is
+    /// around the eye are `changed`.
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        recorder: &mut Recorder<'_>,
+        [frame, rain]: [&wgpu::BindGroup; 2],
+        changed: bool,
+    ) {
         let Some(kept) = &self.kept else { return };
+        if !(changed || self.is_stale || self.is_dark) {
+            return;
+        }
         let Some(groups) = &kept.groups else { return };
         gpu.write(&kept.rest, &HEAD);
         let tiles = |size: [u32; 2]| [size[0].div_ceil(8), size[1].div_ceil(8), 1];
@@ -211,7 +240,7 @@ impl TownPasses {
         recorder.pass("town: nodes", |pass| pass.run(&self.kernels[2], &group_of(2), nodes));
         recorder.pass("town: pixels", |pass| pass.run(&self.kernels[3], &group_of(3), whole));
         recorder.pass("town: rest", |pass| pass.run_indirect(&self.kernels[4], &group_of(4), &kept.rest));
-        self.is_stale = false;
+        (self.is_stale, self.is_dark) = (false, false);
     }
 
     /// The list of pixels that no node stood for in the last frame: four numbers, the last of them its length, then pixels.

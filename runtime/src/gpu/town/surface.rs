@@ -2,10 +2,10 @@
 
 use super::{RAY_SLOTS, TownGroup};
 use crate::error::RuntimeError;
-use crate::gpu::Gpu;
 use crate::gpu::binding::Slot;
 use crate::gpu::memory::{Held, Image};
 use crate::gpu::rain::plain;
+use crate::gpu::{Gpu, LARGEST_BINDING};
 use crate::shade::town::Town;
 
 plain! {
@@ -42,6 +42,29 @@ plain! {
 
 /// Maps of lamps that lie side by side in their texture; and the most rows of them, within WebGPU's 8192 texels.
 pub const MAPS_ACROSS: usize = 128;
+/// Blocks whose numbers fit beside the wall's and the kind in what is kept of a pixel.
+const MOST_BLOCKS: usize = 1 << 24;
+
+/// Refuses a town that doesn't fit WebGPU's default limits; asked before anything of it goes to the card.
+///
+/// Errors: the first of its parts that there are too many of.
+pub fn check(town: &Town) -> Result<(), RuntimeError> {
+    let room = |size: usize| LARGEST_BINDING as usize / size;
+    let [blocks, heights, roads] = town.counts();
+    let parts = [
+        ("blocks", blocks, room(size_of::<TownWall>()).min(MOST_BLOCKS)),
+        ("nodes of the height map", heights, room(size_of::<f32>())),
+        ("roads", roads, room(size_of::<TownPart>()) / 2),
+        ("lamps", town.lamps().len(), MAPS_ACROSS * MAPS_ACROSS),
+    ];
+    match parts.into_iter().find(|(_, count, most)| count > most) {
+        Some((part, count, most)) => Err(RuntimeError::Device {
+            wanted: format!("a town of at most {most} {part}"),
+            found: count.to_string(),
+        }),
+        None => Ok(()),
+    }
+}
 
 /// Everything that a town's picture asks of it: group 1 of its passes.
 pub struct TownSurfaces {
@@ -55,14 +78,9 @@ pub struct TownSurfaces {
 impl TownSurfaces {
     /// Of `town`, whose rays are `rays`.
     ///
-    /// Errors: more lamps than one texture holds maps of.
+    /// Errors: a town that doesn't fit WebGPU's default limits.
     pub fn new(gpu: &Gpu, rays: &TownGroup, town: &Town) -> Result<Self, RuntimeError> {
-        let lamps = town.lamps().len();
-        let most = MAPS_ACROSS * MAPS_ACROSS;
-        if lamps > most {
-            let wanted = format!("a town of at most {most} lamps");
-            return Err(RuntimeError::Device { wanted, found: lamps.to_string() });
-        }
+        check(town)?;
         let materials = town.materials();
         let ground = gpu.uniform::<TownGround>("ground");
         gpu.write(&ground, &[materials.ground]);

@@ -47,6 +47,12 @@ fn wall(block: &Block) -> TownWall {
 }
 
 impl Town {
+    /// How many blocks, nodes of the height map and roads there are.
+    pub(crate) fn counts(&self) -> [usize; 3] {
+        let heights = self.hills.as_ref().map_or(0, |hills| hills.upload(&mut TownPlace::default()).len());
+        [self.blocks.len(), heights, self.material.roads()]
+    }
+
     /// What it is made of.
     pub(crate) fn materials(&self) -> TownMaterials {
         let (mut ground, mut parts) = self.material.upload();

@@ -9,6 +9,11 @@ use squall_formats::section::town::Road;
 const DRY: f32 = 1e9;
 
 impl Material {
+    /// How many roads there are.
+    pub fn roads(&self) -> usize {
+        self.ground.roads.len()
+    }
+
     /// Its numbers, and its roads.
     pub fn upload(&self) -> (TownGround, Vec<TownPart>) {
         let ground = TownGround {
