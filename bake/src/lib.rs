@@ -23,6 +23,7 @@ pub mod output;
 pub mod picture;
 pub mod pipeline;
 pub mod plan;
+pub mod point_spread;
 pub mod progress;
 pub mod provenance;
 pub mod recipe;

@@ -14,7 +14,7 @@
 //! | J | in-scattered radiance ([`squall_formats::basis`]) towards a camera | W/(m² sr) |
 
 mod image;
-mod phase;
+pub(crate) mod phase;
 mod photon;
 mod source;
 mod traverse;
@@ -175,18 +175,18 @@ fn run_batch(
 
 /// Mean and squared deviations, taken in one after another (Welford).
 #[derive(Clone, Debug)]
-struct Moments {
+pub(crate) struct Moments {
     mean: Vec<f64>,
     square: Vec<f64>,
 }
 
 impl Moments {
-    fn new(count: usize) -> Self {
+    pub(crate) fn new(count: usize) -> Self {
         Self { mean: vec![0.0; count], square: vec![0.0; count] }
     }
 
     /// Takes in the values of batch number `count`, from 1.
-    fn add(&mut self, values: &[f64], count: f64) {
+    pub(crate) fn add(&mut self, values: &[f64], count: f64) {
         let both = self.mean.par_iter_mut().zip(&mut self.square).with_min_len(1 << 14);
         both.zip(values).for_each(|((mean, square), value)| {
             let off = value - *mean;
@@ -195,7 +195,7 @@ impl Moments {
         });
     }
 
-    fn measured(&self, index: usize) -> Measured {
+    pub(crate) fn measured(&self, index: usize) -> Measured {
         let count = BATCHES as f64;
         let standard_error = (self.square[index] / (count * (count - 1.0))).sqrt();
         Measured { mean: self.mean[index], standard_error }

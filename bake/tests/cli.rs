@@ -11,6 +11,7 @@ mod inspect;
 mod json;
 mod monte_carlo;
 mod outputs;
+mod page;
 mod peers;
 mod query;
 mod rain;

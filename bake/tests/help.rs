@@ -22,7 +22,7 @@ fn same(name: &str, text: &str) {
     assert!(text == wanted, "{} differs; SQUALL_UPDATE=1 writes it anew. Now:\n{text}", path.display());
 }
 
-const COMMANDS: [&str; 18] = [
+const COMMANDS: [&str; 19] = [
     "",
     "bake",
     "render",
@@ -31,6 +31,7 @@ const COMMANDS: [&str; 18] = [
     "solve",
     "query",
     "inspect",
+    "page",
     "verify",
     "diff",
     "chart",

@@ -241,6 +241,11 @@ fn read_entry(line: &[u8], at: u64) -> Result<Entry, ReadError> {
 }
 
 impl Directory {
+    /// Where the section table of an asset of `sections` sections ends, bytes from the file's start.
+    pub fn table_end(sections: u32) -> u64 {
+        (HEADER_BYTES + sections as usize * ENTRY_BYTES) as u64
+    }
+
     /// Checks header and table of a whole asset in memory (or mapped) and returns the table.
     ///
     /// Everything but the sections themselves is checked: magic, version, counts against `limits`,

@@ -11,6 +11,9 @@
 //! | β      | extinction  | 1/m  |
 //! | A      | βh          | –    |
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use crate::medium::Phase;
 use glam::DVec3;
 

@@ -24,6 +24,16 @@ pub enum RuntimeError {
         /// What is wrong with the bytes.
         source: ReadError,
     },
+    /// An asset that is read piece by piece lacks bytes that the call needs: [`crate::Asset::give`] takes them, then call again.
+    #[error("{}: {} bytes in {} pieces have not been fetched, the first from byte {}", path.display(),
+        ranges.iter().map(|range| range.end - range.start).sum::<u64>(), ranges.len(),
+        ranges.last().map_or(0, |range| range.start))]
+    NotFetched {
+        /// What the asset was opened as.
+        path: PathBuf,
+        /// Bytes of the file, the last piece first.
+        ranges: Vec<std::ops::Range<u64>>,
+    },
     /// An argument outside what the call accepts.
     #[error("{field}: wanted {wanted}, found {found}")]
     Argument {

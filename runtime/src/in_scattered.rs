@@ -66,6 +66,32 @@ impl<'a> InScattered<'a> {
         rows + live + self.direct.get(cell).copied().unwrap_or_default()
     }
 
+    /// [`InScattered::towards_each`] in the cells that are `known` alone, 0 elsewhere.
+    ///
+    /// Panics when `j` or `known` is longer than the grid.
+    pub(crate) fn towards_known(
+        &self,
+        cloud: &Cloud,
+        known: &[bool],
+        towards: impl Fn(DVec3) -> DVec3 + Sync + Send,
+        j: &mut [f32],
+    ) {
+        let piece = |(number, values): (usize, &mut [f32])| {
+            let mut factors = DirectionFactors { planes: Vec::new(), live: [0.0; MAX_HARMONICS] };
+            let mut all = Vec::new();
+            for (at, value) in values.iter_mut().enumerate() {
+                let cell = number * CELLS_AT_ONCE + at;
+                *value = 0.0;
+                if known[cell] {
+                    let middle = cloud.centre(cloud.shape.cell(cell));
+                    self.set_factors(middle, towards(middle), &mut all, &mut factors);
+                    *value = self.value(cell, &factors);
+                }
+            }
+        };
+        j.par_chunks_mut(CELLS_AT_ONCE).enumerate().for_each(piece);
+    }
+
     /// J in every cell into `j`, each in the direction that `towards(cell, its middle in m)` says.
     ///
     /// Panics when `j` is longer than the grid.

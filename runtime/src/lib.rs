@@ -75,9 +75,12 @@ pub mod noise;
 mod octahedron;
 pub mod picture;
 pub mod place;
+pub mod point_spread;
 pub mod rain;
 #[doc(hidden)]
 pub mod random;
+pub mod ranges;
+mod registers;
 pub mod relight;
 pub mod renderer;
 pub mod shade;

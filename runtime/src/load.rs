@@ -1,7 +1,9 @@
 //! From a file or bytes to an open asset: checks, and views into the bytes; nothing is copied or decoded.
 
 use crate::error::RuntimeError;
+use crate::ranges::RangeRows;
 use squall_formats::container::{Directory, MAGIC};
+use squall_formats::section::response::ResponseSection;
 use squall_formats::{Limits, ReadError, Tag};
 use std::fs::File;
 use std::io::Read;
@@ -16,14 +18,14 @@ compile_error!(
 /// 64 bytes on a 64-byte boundary, so that bytes handed over in memory are aligned like mapped ones.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
-struct Block([u8; 64]);
+pub(crate) struct Block([u8; 64]);
 
 /// Most bytes that are read of a device or pipe, which need not have an end.
-const LONGEST_STREAM: usize = 2 << 30;
+pub(crate) const LONGEST_STREAM: usize = 2 << 30;
 /// Room to begin with for what has no length beforehand, bytes.
 const FIRST_BLOCKS: usize = 1 << 16;
 
-enum Bytes {
+pub(crate) enum Bytes {
     Owned {
         blocks: Vec<Block>,
         length: usize,
@@ -33,7 +35,7 @@ enum Bytes {
 }
 
 impl Bytes {
-    fn as_slice(&self) -> &[u8] {
+    pub(crate) fn as_slice(&self) -> &[u8] {
         match self {
             Self::Owned { blocks, length } => &bytemuck::cast_slice(blocks)[..*length],
             #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
@@ -81,7 +83,25 @@ impl Bytes {
         }
     }
 
-    fn copy(bytes: &[u8]) -> Self {
+    /// So many zeros, of which the system takes no memory before they are written to; `None` where there is no room.
+    pub(crate) fn zeros(length: usize) -> Option<Self> {
+        let blocks = bytemuck::allocation::try_zeroed_vec(length.div_ceil(64)).ok()?;
+        Some(Self::Owned { blocks, length })
+    }
+
+    /// Puts `bytes` at `at`. Panics where they reach behind the end, or of a file that is mapped.
+    pub(crate) fn fill(&mut self, at: usize, bytes: &[u8]) {
+        match self {
+            Self::Owned { blocks, length } => {
+                let room: &mut [u8] = &mut bytemuck::cast_slice_mut(blocks)[..*length];
+                room[at..at + bytes.len()].copy_from_slice(bytes);
+            }
+            #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+            Self::Mapped(_) => unreachable!("a mapped file is not written to"),
+        }
+    }
+
+    pub(crate) fn copy(bytes: &[u8]) -> Self {
         let mut blocks = vec![Block([0; 64]); bytes.len().div_ceil(64)];
         bytemuck::cast_slice_mut(&mut blocks)[..bytes.len()].copy_from_slice(bytes);
         Self::Owned { blocks, length: bytes.len() }
@@ -108,6 +128,8 @@ struct Inner {
     directory: Directory,
     limits: Limits,
     path: PathBuf,
+    /// Rows that come when they are wanted, of an asset that is read piece by piece.
+    rows: Option<RangeRows>,
 }
 
 impl Asset {
@@ -173,12 +195,26 @@ impl Asset {
     }
 
     fn new(bytes: Bytes, path: PathBuf) -> Result<Self, RuntimeError> {
+        Self::assemble(bytes, path, None)
+    }
+
+    /// An asset of bytes that are here, but for the rows that `rows` brings.
+    pub(crate) fn assemble(
+        bytes: Bytes,
+        path: PathBuf,
+        rows: Option<RangeRows>,
+    ) -> Result<Self, RuntimeError> {
         let limits = Limits::default();
         let read = Directory::read(bytes.as_slice(), &limits);
         let wrap = |source| RuntimeError::Asset { path: path.clone(), source };
         let directory = read.map_err(wrap)?;
         squall_formats::section::check_marks(&directory).map_err(wrap)?;
-        Ok(Self(Arc::new(Inner { bytes, directory, limits, path })))
+        Ok(Self(Arc::new(Inner { bytes, directory, limits, path, rows })))
+    }
+
+    /// The rows of an asset that is read piece by piece.
+    pub(crate) fn range_rows(&self) -> Option<&RangeRows> {
+        self.0.rows.as_ref()
     }
 
     /// Checks the head of every section.
@@ -191,10 +227,25 @@ impl Asset {
 
     /// Recomputes the checksum of section `tag` with its bulk, for those who are about to use it all.
     ///
-    /// Errors: the section is damaged. An asset without it passes.
+    /// Errors: the section is damaged; it is the response of an asset that is read piece by piece. An asset without it passes.
     pub fn check_bulk(&self, tag: Tag) -> Result<(), RuntimeError> {
         let Some(entry) = self.0.directory.find(tag) else { return Ok(()) };
+        if tag == ResponseSection::TAG {
+            self.check_is_whole()?;
+        }
         entry.check_whole(self.bytes()).map_err(|source| self.wrap(source))
+    }
+
+    /// Errors: this is an asset that is read piece by piece.
+    pub(crate) fn check_is_whole(&self) -> Result<(), RuntimeError> {
+        match self.0.rows {
+            Some(_) => Err(RuntimeError::argument(
+                "asset",
+                "one that is here whole: Asset::open or Asset::read",
+                "one that is read piece by piece",
+            )),
+            None => Ok(()),
+        }
     }
 
     /// Bounds on what a file may ask for.
@@ -212,7 +263,7 @@ impl Asset {
         &self.0.path
     }
 
-    /// All bytes of the asset.
+    /// All bytes of the asset; of one that is read piece by piece ([`Asset::open_range`]), the rows of its response are zeros.
     pub fn bytes(&self) -> &[u8] {
         self.0.bytes.as_slice()
     }

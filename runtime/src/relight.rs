@@ -7,6 +7,7 @@
 use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::load::Asset;
+use crate::shade::cloud::density::distances;
 use crate::transport::cloud::CoarseIndex;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
@@ -21,6 +22,7 @@ use squall_formats::section::response::{
 use squall_formats::sphere;
 use squall_formats::view_region::{ViewRegion, ViewRegionFrame};
 pub use squall_transport::PointLight;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A virtual source's row and the intensity that a stroke gives it, W/sr.
@@ -49,6 +51,8 @@ pub struct Relighter {
     frame: Option<ViewRegionFrame>,
     /// Rows whose checksum has been seen to be right.
     verified: Vec<AtomicBool>,
+    /// Steps from each of the cloud's cells to the nearest with cloud in it, once asked for.
+    distances: OnceLock<Vec<u8>>,
 }
 
 /// Memory of relighting calls; nothing is allocated once it has grown to a stroke's size.
@@ -116,12 +120,19 @@ impl Relighter {
         let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
         let frame =
             response.head.view_region.as_ref().map(|view_region| view_region_frame(view_region, &cloud));
-        Ok(Self { asset: asset.clone(), response, cloud, blocks, haar, frame, verified })
+        let distances = OnceLock::new();
+        Ok(Self { asset: asset.clone(), response, cloud, blocks, haar, frame, verified, distances })
     }
 
     /// The cloud grid.
     pub fn cloud(&self) -> &Cloud {
         &self.cloud
+    }
+
+    /// Steps from each of the cloud's cells to the nearest with cloud in it, of which the largest along an axis counts.
+    pub(crate) fn cloud_distances(&self) -> &[u8] {
+        let (shape, filled) = (self.cloud.shape, self.cloud.extinction.iter().map(|&value| value > 0.0));
+        self.distances.get_or_init(|| distances(shape, filled))
     }
 
     /// The grid whose cells the rows hold light for: the cloud's, or equal blocks of its cells with their mean extinction.
@@ -343,13 +354,12 @@ impl Relighter {
         let count = basis.count();
         buffers.coefficients.clear();
         buffers.coefficients.resize(cells * count, 0.0);
+        self.response.fetch(buffers.weights.iter().map(|weight| weight.row as usize))?;
         for weight in &buffers.weights {
             let row = weight.row as usize;
             let known = self.verified[row].load(Ordering::Relaxed);
             let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
-            let parts = bytes
-                .and_then(|bytes| coefficient_planes(bytes, count))
-                .map_err(|error| self.asset.wrap(error))?;
+            let parts = coefficient_planes(bytes?, count).map_err(|error| self.asset.wrap(error))?;
             self.verified[row].store(true, Ordering::Relaxed);
             for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
                 accumulate(coefficients, self.response.head.codec, weight.intensity, sums)

@@ -4,19 +4,22 @@
 mod card;
 mod channel;
 pub(crate) mod draw;
-mod halos;
+pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
 mod rain;
+mod times;
 mod town;
-mod town_rain;
+pub(crate) mod town_rain;
+#[cfg(feature = "gpu")]
+mod weather;
 pub(crate) mod world;
 
-use crate::airlight::Airlight;
 #[cfg(feature = "gpu")]
 pub use card::Backend;
 pub use layers::{Layer, LayerPixels};
+pub use times::{Clock, FrameTimes};
 
 use crate::camera::Camera;
 use crate::clouds::{Clouds, SunSource};
@@ -113,10 +116,11 @@ struct Memory {
     flash_cells: Vec<Vec4>,
     surrounding: Option<world::Surrounding>,
     town: town::Kept,
-    airlight: Option<Airlight>,
+    spreading: Option<halos::Spreading>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
+    clock: Option<Clock>,
 }
 
 impl Memory {
@@ -132,10 +136,11 @@ impl Memory {
             flash_cells: Vec::new(),
             surrounding: None,
             town: town::Kept::default(),
-            airlight: None,
+            spreading: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),
+            clock: None,
         })
     }
 }
@@ -158,6 +163,8 @@ pub struct FrameReport {
     pub sun: SunSource,
     /// Whether the asset lacks light of the sky's hemispheres, so that its cloud stays dark under a bright sky.
     pub sky_missing: bool,
+    /// How long its parts took, where there is a clock ([`StormRenderer::set_clock`]).
+    pub times: FrameTimes,
 }
 
 impl StormRenderer {
@@ -264,6 +271,27 @@ impl StormRenderer {
     /// The asset's cloud, where it has one: where it is lit, and its light as data.
     pub fn clouds(&mut self) -> Option<&mut Clouds> {
         self.memory.clouds.as_mut()
+    }
+
+    /// Has the parts of pictures timed by `clock`: [`FrameReport::times`].
+    ///
+    /// ```
+    /// # use squall_runtime::StormRenderer;
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall");
+    /// fn seconds() -> f64 {
+    ///     use std::{sync::LazyLock, time::Instant};
+    ///     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    ///     START.elapsed().as_secs_f64()
+    /// }
+    /// let mut renderer = StormRenderer::open(path)?;
+    /// let frame = renderer.frame().expect("the asset brings a view");
+    /// renderer.set_clock(Some(seconds));
+    /// renderer.render(&frame)?;
+    /// assert!(renderer.report().times.named().iter().map(|(_, time)| time).sum::<f64>() > 0.0);
+    /// # Ok::<(), squall_runtime::RuntimeError>(())
+    /// ```
+    pub fn set_clock(&mut self, clock: Option<Clock>) {
+        self.memory.clock = clock;
     }
 
     /// Draws `frame`: linear radiance, W/(m² sr), row 0 on top. The picture stays until the next call.

@@ -119,8 +119,31 @@ pub fn add_direct(
     assert!(j.len() == cloud.shape.len() && to_viewer.len() == cloud.shape.len());
     let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
     let tally = || TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
-    add_rays(cloud, extinction_scale, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
+    let whole = (cloud, extinction_scale, &[][..]);
+    add_rays(whole, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
 }
+
+/// [`add_direct`] for pictures: `distances` holds, a cell, how many steps the nearest cell with cloud is away. Cells that no lookup
+/// between the centres of cells reads get nothing, and a ray ends with [`LEAST`] of its light.
+///
+/// Panics when an array is not one grid long.
+pub(crate) fn add_direct_near(
+    (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
+    lights: &[PointLight],
+    to_viewer: &[[f32; 3]],
+    settings: DirectSettings,
+    j: &mut [f32],
+) {
+    let cells = cloud.shape.len();
+    assert!(j.len() == cells && to_viewer.len() == cells && distances.len() == cells);
+    let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
+    let tally = || TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
+    let near = (cloud, extinction_scale, distances);
+    add_rays(near, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
+}
+
+/// Share of a ray's light, as the transport behind the rows counts it, that a picture's ray ends with.
+pub(crate) const LEAST: f32 = 1e-4;
 
 /// Rays through every cell face by which a beam leaves the grid, along each of its two axes.
 const BEAM_SAMPLES: u32 = 2;
@@ -170,13 +193,13 @@ pub fn add_direct_fluence(
 ) {
     assert!(fluence.len() == cloud.shape.len());
     let tally = || Fluence(vec![0.0; cloud.shape.len()]);
-    add_rays(cloud, extinction_scale, lights, settings, (&tally, &|tally: Fluence| tally.0), fluence);
+    let whole = (cloud, extinction_scale, &[][..]);
+    add_rays(whole, lights, settings, (&tally, &|tally: Fluence| tally.0), fluence);
 }
 
-/// Follows every light's rays into tallies and adds what those hold, per cell volume, to `sums`.
+/// Follows every light's rays into tallies and adds what those hold, per cell volume, to `sums`; without distances through all cells.
 fn add_rays<T: Tally>(
-    cloud: &Cloud,
-    extinction_scale: f64,
+    (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
     lights: &[PointLight],
     settings: DirectSettings,
     (tally, sums_of): (&(dyn Fn() -> T + Sync), &(dyn Fn(T) -> Vec<f32> + Sync)),
@@ -197,10 +220,12 @@ fn add_rays<T: Tally>(
             let turn = random_turn(settings.seed, index as u64);
             let power = light.intensity * 4.0 * std::f64::consts::PI / f64::from(rays[index]);
             for &direction in &spheres[&rays[index]] {
-                tracer.trace(
-                    PowerRay { origin: light.position, direction: turn * direction, power },
-                    &mut tally,
-                );
+                let ray = PowerRay { origin: light.position, direction: turn * direction, power };
+                if distances.is_empty() {
+                    tracer.trace(ray, &mut tally);
+                } else {
+                    tracer.trace_near(ray, distances, LEAST, &mut tally);
+                }
             }
         }
         sums_of(tally)

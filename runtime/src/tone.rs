@@ -1,13 +1,13 @@
-//! From linear light to a display: exposure, glow, a film-like curve that keeps hue, sRGB, dither.
+//! From linear light to a display: exposure, the lens's bloom, a film-like curve that keeps hue, sRGB, dither.
 //!
 //! The curve works on the brightest colour and the colour follows it, so that a violet flash stays violet
 //! while it brightens and only its core turns white; a curve per colour would bend the hue on the way.
 
-pub mod glow;
+pub mod bloom;
 
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use glow::Glow;
+use bloom::Bloom;
 
 /// How a picture is developed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,15 +18,15 @@ pub struct Tone {
     pub contrast: f32,
     /// Display value (linear) at which colours begin to turn white, in [0, 1); 1 is reached by white alone.
     pub shoulder: f32,
-    /// What the air and the lens spread around bright things.
-    pub glow: Glow,
+    /// What the lens spreads around bright things.
+    pub bloom: Bloom,
     /// Whether a fixed pattern of less than one step hides the steps of a dark sky.
     pub dither: bool,
 }
 
 impl Default for Tone {
     fn default() -> Self {
-        Self { exposure: 1.0, contrast: 1.3, shoulder: 0.5, glow: Glow::default(), dither: true }
+        Self { exposure: 1.0, contrast: 1.3, shoulder: 0.5, bloom: Bloom::default(), dither: true }
     }
 }
 
@@ -99,12 +99,12 @@ impl Tone {
         })
     }
 
-    /// Display signal (sRGB, in [0, 1]) of every pixel: glow, exposure and curve. Pixels are independent; with
+    /// Display signal (sRGB, in [0, 1]) of every pixel: bloom, exposure and curve. Pixels are independent; with
     /// feature `rayon` they run on the caller's pool.
     fn signals(&self, picture: &Picture) -> Vec<[f32; 3]> {
         let tamed = picture.pixels.iter().map(|pixel| pixel.map(tame)).collect();
         let tamed = Picture { width: picture.width, height: picture.height, pixels: tamed };
-        let mut pixels = self.glow.spread(&tamed).pixels;
+        let mut pixels = self.bloom.spread(&tamed).pixels;
         let develop = |pixel: &mut [f32; 3]| *pixel = self.curve(*pixel).map(srgb_from_linear);
         pixels.par_iter_mut().with_min_len(4096).for_each(develop);
         pixels
@@ -206,7 +206,7 @@ mod tests {
         /// Interleaved gradient noise over 32 × 32 pixels covers [0, 1) to this accuracy.
         const COVERAGE: f32 = 0.02;
         let flat = Picture { width: 32, height: 32, pixels: vec![[0.013; 3]; 1024] };
-        let tone = Tone { glow: Glow { amount: 0.0, ..Glow::default() }, ..Tone::default() };
+        let tone = Tone { bloom: Bloom { amount: 0.0, ..Bloom::default() }, ..Tone::default() };
         let exact = srgb_from_linear(tone.curve([0.013; 3])[0]) * 255.0;
         let shown = tone.to_srgb8(&flat);
         assert!(shown.iter().flatten().all(|&v| (f32::from(v) - exact).abs() <= 1.0));

@@ -28,8 +28,10 @@ pub struct Verified {
 
 /// Checks every byte of `asset`.
 ///
-/// Errors: the first section, in file order, that is damaged, of a newer version, or not what it should be.
+/// Errors: the first section, in file order, that is damaged, of a newer version, or not what it should be; an asset that is
+/// read piece by piece.
 pub fn verify(asset: &Asset) -> Result<Verified, RuntimeError> {
+    asset.check_is_whole()?;
     asset.check_heads()?;
     check_flashes(asset)?;
     let mut done = Verified { bytes: asset.bytes().len() as u64, ..Verified::default() };

@@ -14,6 +14,8 @@
 pub(crate) mod degrees;
 mod estimate;
 mod stored;
+#[cfg(feature = "gpu")]
+pub(crate) mod upload;
 
 use crate::camera::Ray;
 use crate::medium::Phase;

@@ -56,7 +56,7 @@ size_px = [96, 64]
 flashes = ["inside"]
 "#;
 
-fn write_scene(folder: &Path) {
+pub(crate) fn write_scene(folder: &Path) {
     const N: usize = 12;
     let mut density = vec![0.0f32; N * N * N];
     for (index, value) in density.iter_mut().enumerate() {

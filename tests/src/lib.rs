@@ -68,6 +68,8 @@ mod layering;
 #[cfg(test)]
 mod monte_carlo;
 #[cfg(test)]
+mod page;
+#[cfg(test)]
 mod place;
 #[cfg(test)]
 mod public_api;
@@ -77,6 +79,8 @@ mod rain;
 mod rain_picture;
 #[cfg(test)]
 mod rain_place;
+#[cfg(test)]
+mod ranges;
 #[cfg(test)]
 mod scenery;
 #[cfg(test)]

@@ -42,7 +42,7 @@ fn dusk(town: &Town) -> Picture {
         rain: &NoRain,
     };
     let mut frame = TownFrame::default();
-    town.render(&camera, &lighting, Quality { samples: 2, facets: 2 }, &mut frame);
+    town.render(&camera, &lighting, Quality { samples: 2, facets: 2, ..Quality::default() }, &mut frame);
     let mut picture = Picture::new(frame.width, frame.height).unwrap();
     for (i, (pixel, seen)) in picture.pixels.iter_mut().zip(&frame.pixels).enumerate() {
         let ray = camera.ray((i % 64) as f64 + 0.5, (i / 64) as f64 + 0.5);

@@ -17,6 +17,7 @@ mod inspect;
 pub mod interrupt;
 pub mod json;
 mod limits;
+mod page;
 mod picture;
 pub mod progress;
 mod query;
@@ -53,6 +54,7 @@ enum Command {
     Verify(verify::Args),
     Diff(diff::Args),
     Chart(chart::Args),
+    Page(page::Args),
     /// Turns pictures of streaks into cosines, and says how well.
     #[command(subcommand)]
     Streaks(streaks::Command),
@@ -75,6 +77,7 @@ impl Cli {
             Command::Verify(args) => ("verify", args.json()),
             Command::Diff(args) => ("diff", args.json()),
             Command::Chart(_) => ("chart", false),
+            Command::Page(args) => ("page", args.json()),
             Command::Streaks(command) => (command.name(), command.json()),
             Command::Synth(command) => command.json(),
         };
@@ -95,6 +98,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Verify(args) => verify::run(args),
         Command::Diff(args) => diff::run(args),
         Command::Chart(args) => chart::run(args),
+        Command::Page(args) => page::run(args),
         Command::Streaks(command) => streaks::run(command),
         Command::Synth(command) => synth::run(command),
     }

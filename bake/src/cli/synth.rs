@@ -7,6 +7,7 @@ use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::input;
 use squall_bake::output::{Output, Place, folder_of};
+use squall_bake::point_spread::{SpreadSettings, bake_point_spread};
 use squall_bake::provenance::tool;
 use squall_bake::synth::cloud::{CloudKind, synth_cloud};
 use squall_bake::synth::streak::scene::Scene;
@@ -28,6 +29,25 @@ pub enum Synth {
     Stroke(StrokeArgs),
     /// Pictures of streaks of raindrops that oscillate and refract (DIR/drop00.png and so on).
     Streaks(Streaks),
+    /// The table of light that rain scatters more than once, as the runtime ships it.
+    PointSpread(PointSpread),
+}
+
+/// Arguments of `squall synth point-spread`.
+#[derive(clap::Args)]
+pub struct PointSpread {
+    /// The file: single-precision numbers, little-endian.
+    #[arg(short, long, value_name = "OUT")]
+    out: PathBuf,
+    /// Seed; the same seed gives the same bytes. The shipped table's is 1.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Photons for each phase function; the shipped table's million takes two minutes of processor time.
+    #[arg(long, default_value_t = 1_000_000)]
+    photons: u64,
+    /// Print one JSON object instead of words: docs/json.md.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Arguments of `squall synth stroke`.
@@ -157,6 +177,7 @@ impl Synth {
             Self::Town(arguments) => ("synth town", arguments.json),
             Self::Stroke(arguments) => ("synth stroke", arguments.json),
             Self::Streaks(arguments) => ("synth streaks", arguments.json),
+            Self::PointSpread(arguments) => ("synth point-spread", arguments.json),
         }
     }
 }
@@ -198,6 +219,16 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
                 .write(|out| Ok(write_streaks(out, scene, seed, count, &bars)?))?;
             bars.finish();
             (seed, files)
+        }
+        Synth::PointSpread(arguments) => {
+            let PointSpread { out, seed, photons, .. } = arguments;
+            json::check_stdout(in_json, &[&out]);
+            let file = Output::prepare(&out)?;
+            let bars = Bars::new(false);
+            let table = bake_point_spread(&SpreadSettings { photons, seed }, &bars)?;
+            bars.finish();
+            file.write(|out| out.write_all(&table))?;
+            (seed, if file.is_stdout() { Vec::new() } else { vec![out] })
         }
     };
     if in_json {

@@ -54,7 +54,7 @@ impl Phase {
 }
 
 /// Cosine and sine of a uniform angle: a point in the unit disc, its angle doubled.
-fn azimuth(random: &mut Random) -> (f64, f64) {
+pub fn azimuth(random: &mut Random) -> (f64, f64) {
     loop {
         let (x, y) = (2.0 * random.unit() - 1.0, 2.0 * random.unit() - 1.0);
         let square = x * x + y * y;

@@ -104,9 +104,13 @@ struct DetailFile {
 struct ToneFile {
     exposure: Option<f64>,
     contrast: Option<f64>,
-    glow_amount: Option<f64>,
-    glow_levels: Option<u32>,
-    glow_reach: Option<f64>,
+    // The name of recipes from before rain had a point spread of its own.
+    #[serde(alias = "glow_amount")]
+    bloom_amount: Option<f64>,
+    #[serde(alias = "glow_levels")]
+    bloom_levels: Option<u32>,
+    #[serde(alias = "glow_reach")]
+    bloom_reach: Option<f64>,
 }
 
 impl ViewFile {
@@ -238,9 +242,25 @@ impl ToneFile {
         ViewTone {
             exposure: self.exposure.unwrap_or(usual.exposure),
             contrast: self.contrast.unwrap_or(usual.contrast),
-            glow_amount: self.glow_amount.unwrap_or(usual.glow_amount),
-            glow_levels: self.glow_levels.unwrap_or(usual.glow_levels),
-            glow_reach: self.glow_reach.unwrap_or(usual.glow_reach),
+            bloom_amount: self.bloom_amount.unwrap_or(usual.bloom_amount),
+            bloom_levels: self.bloom_levels.unwrap_or(usual.bloom_levels),
+            bloom_reach: self.bloom_reach.unwrap_or(usual.bloom_reach),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lens_bloom_is_read_by_its_name_and_by_the_one_it_had_before_but_not_by_both() {
+        let read = |text: &str| toml::from_str::<ToneFile>(text).map(ToneFile::record);
+        let new = read("bloom_amount = 0.2\nbloom_levels = 5\nbloom_reach = 0.9").unwrap();
+        assert_eq!((new.bloom_amount, new.bloom_levels, new.bloom_reach), (0.2, 5, 0.9));
+        assert_eq!(read("glow_amount = 0.2\nglow_levels = 5\nglow_reach = 0.9").unwrap(), new);
+        let both = read("bloom_amount = 0.2\nglow_amount = 0.2").unwrap_err().to_string();
+        assert!(both.contains("bloom_amount"), "{both}");
+        assert!(read("glow = 0.2").is_err());
     }
 }

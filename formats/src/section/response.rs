@@ -133,6 +133,11 @@ impl<'a> ResponseSection<'a> {
         checked_row(self.index, self.rows, row)
     }
 
+    /// Verifies `bytes`, which came apart from the section, to be row `row` of `index`.
+    pub fn check_row(index: &[RowEntry], row: usize, bytes: &[u8]) -> Result<(), ReadError> {
+        same_checksum(index[row].checksum, checksum(bytes), row)
+    }
+
     /// The bytes of row `row`, for a reader that has verified it before.
     pub fn row_unchecked(&self, row: usize) -> Result<&'a [u8], ReadError> {
         row_bytes(self.index, self.rows, row)
@@ -180,12 +185,16 @@ pub fn row_bytes<'a>(index: &[RowEntry], rows: &'a [u8], row: usize) -> Result<&
 /// The same with the row's checksum verified. Errors: no such row, or a damaged one.
 pub fn checked_row<'a>(index: &[RowEntry], rows: &'a [u8], row: usize) -> Result<&'a [u8], ReadError> {
     let bytes = row_bytes(index, rows, row)?;
-    let (wanted, found) = (index[row].checksum, checksum(bytes));
+    same_checksum(index[row].checksum, checksum(bytes), row)?;
+    Ok(bytes)
+}
+
+fn same_checksum(wanted: u32, found: u32, row: usize) -> Result<(), ReadError> {
     if wanted != found {
         let part = format!("row {row}");
         return Err(ReadError::Checksum { section: ResponseSection::TAG, part, wanted, found });
     }
-    Ok(bytes)
+    Ok(())
 }
 
 /// Rows follow each other without gap or overlap and fill the section.

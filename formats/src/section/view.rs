@@ -153,19 +153,19 @@ pub struct ViewFlash {
     pub brightness: f64,
 }
 
-/// Exposure, contrast, glow.
+/// Exposure, contrast, the lens's bloom.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewTone {
     /// Factor on radiance, m² sr/W.
     pub exposure: f64,
     /// Slope of the curve around mid-grey, in logarithms.
     pub contrast: f64,
-    /// Share of light that air and lens spread.
-    pub glow_amount: f64,
+    /// Share of light that the lens spreads.
+    pub bloom_amount: f64,
     /// Sizes that it is spread over, each twice the last.
-    pub glow_levels: u32,
+    pub bloom_levels: u32,
     /// Factor from each size's share to the next.
-    pub glow_reach: f64,
+    pub bloom_reach: f64,
 }
 
 impl Default for ViewCamera {
@@ -220,7 +220,7 @@ impl Default for ViewDetail {
 
 impl Default for ViewTone {
     fn default() -> Self {
-        Self { exposure: 1.0, contrast: 1.3, glow_amount: 0.06, glow_levels: 6, glow_reach: 0.7 }
+        Self { exposure: 1.0, contrast: 1.3, bloom_amount: 0.06, bloom_levels: 6, bloom_reach: 0.7 }
     }
 }
 
@@ -269,9 +269,9 @@ impl ViewSection {
         }
         within("tone.exposure", "1e-12 to 1e12", self.tone.exposure, 1e-12, 1e12)?;
         within("tone.contrast", "0.1 to 4", self.tone.contrast, 0.1, 4.0)?;
-        within("tone.glow_amount", "0 to 1", self.tone.glow_amount, 0.0, 1.0)?;
-        within("tone.glow_levels", "1 to 12", f64::from(self.tone.glow_levels), 1.0, 12.0)?;
-        within("tone.glow_reach", "0 to 4", self.tone.glow_reach, 0.0, 4.0)
+        within("tone.bloom_amount", "0 to 1", self.tone.bloom_amount, 0.0, 1.0)?;
+        within("tone.bloom_levels", "1 to 12", f64::from(self.tone.bloom_levels), 1.0, 12.0)?;
+        within("tone.bloom_reach", "0 to 4", self.tone.bloom_reach, 0.0, 4.0)
     }
 
     /// Reads and checks every number.

@@ -19,7 +19,7 @@ use squall_runtime_fuzz::{asset, cloud, cloud_section, number, numbers, response
 fn draw_frame(asset: &Asset, view: &ViewSection) -> std::result::Result<Vec<[f32; 3]>, RuntimeError> {
     let mut renderer = StormRenderer::new(asset)?;
     let quality = FrameQuality {
-        town: squall_runtime::shade::town::frame::Quality { samples: 1, facets: 1 },
+        town: squall_runtime::shade::town::frame::Quality { samples: 1, facets: 1, ..Default::default() },
         rays: squall_runtime::single_scatter::DirectRays::PerPoint(8),
     };
     Ok(renderer.render(&Frame::from(view).quality(quality))?.pixels.clone())

@@ -4,7 +4,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::in_scattered::InScattered;
 use crate::relight::{PointLight, Relighter, Relit};
-use crate::single_scatter::{DirectRays, DirectSettings, add_direct, add_direct_fluence};
+use crate::single_scatter::{DirectRays, DirectSettings, add_direct_fluence, add_direct_near};
 use crate::transport::Cloud;
 use glam::DVec3;
 use squall_formats::section::response::DirectionalBasis;
@@ -192,7 +192,8 @@ impl CloudLight {
         spread_towards(&self.relighter, &self.in_scattered(), viewer, out);
         if !self.direct.is_empty() {
             let ways = viewer.ways(cloud);
-            add_direct(cloud, self.relighter.extinction_scale(), &self.direct, &ways, settings, out);
+            let near = (cloud, self.relighter.extinction_scale(), self.relighter.cloud_distances());
+            add_direct_near(near, &self.direct, &ways, settings, out);
         }
     }
 
@@ -212,10 +213,11 @@ pub(super) fn check_fluence(basis: DirectionalBasis) -> Result<(), RuntimeError>
 
 /// J in each of the cloud's cells in its own direction to the viewer, spread from the cells that the light is known for.
 pub(super) fn spread_towards(relighter: &Relighter, light: &InScattered<'_>, viewer: Viewer, j: &mut [f32]) {
-    let towards = |_: usize, middle: DVec3| viewer.direction_from(middle);
+    let towards = |middle: DVec3| viewer.direction_from(middle);
     if !relighter.is_coarse() {
-        return light.towards_each(relighter.cloud(), towards, j);
+        return light.towards_known(relighter.cloud(), &relighter.known_light_cells(), towards, j);
     }
+    let towards = |_: usize, middle: DVec3| viewer.direction_from(middle);
     let grid = relighter.light_cloud();
     let mut coarse = vec![0.0; grid.shape.len()];
     light.towards_each(grid, towards, &mut coarse);

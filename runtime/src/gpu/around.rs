@@ -103,6 +103,8 @@ pub struct AroundPass {
     pub blurred: [Image; PHASES],
     /// The [`Around`] of the frame, a storage buffer.
     pub told: Held<wgpu::Buffer>,
+    /// The world's harmonics, four numbers each in the order l² + l + m, a storage buffer.
+    pub harmonics: Held<wgpu::Buffer>,
     blurs: [Held<wgpu::Buffer>; PHASES],
     phases: [Option<Phase>; PHASES],
     mirror_tiles: u32,
@@ -152,7 +154,9 @@ impl AroundPass {
         let mirror = flat("mirrors' map", MIRROR_SIZE.map(|count| count as u32));
         let blurred = [(); PHASES].map(|()| flat("blurred world", [BLURRED; 2]));
         let windows = gpu.uniform::<[Window; 2]>("windows");
-        let (rays, told) = (floats("glow", 4 * GLOW_RAYS as usize), floats("around", 12));
+        let rays = floats("glow", 4 * GLOW_RAYS as usize);
+        // Passes of the weather are told it as uniforms.
+        let told = gpu.buffer("around", 48, Use::STORAGE | Use::UNIFORM | Use::COPY_SRC);
         let basis = Basis::new();
         let table = gpu.storage("Legendre's functions", &legendre(&basis));
         let pairs = (0..=DEGREE).flat_map(|l| (0..=l).map(move |m| (l, m)));
@@ -194,7 +198,7 @@ impl AroundPass {
             gpu.kernel(&sums, "blur_harmonics", &summing),
             gpu.kernel(&sums, "sum_glow", &summing[..3]),
         ];
-        let buffers = vec![rays, table, steps, turned, harmonics];
+        let buffers = vec![rays, table, steps, turned];
         let phases = [const { None }; PHASES];
         Self {
             kernels,
@@ -203,6 +207,7 @@ impl AroundPass {
             windows,
             blurred,
             told,
+            harmonics,
             blurs,
             phases,
             mirror_tiles: 0,

@@ -58,10 +58,11 @@ impl Gpu {
         Held::new(self.device.create_buffer(&descriptor), size, self)
     }
 
-    /// A storage buffer that holds `values`.
+    /// A storage buffer that holds `values`, with room for one at least: a binding must not be smaller than what a shader reads.
     pub(crate) fn storage<T: bytemuck::NoUninit>(&self, label: &str, values: &[T]) -> Held<wgpu::Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
-        let buffer = self.buffer(label, bytes.len() as u64, wgpu::BufferUsages::STORAGE);
+        let room = bytes.len().max(size_of::<T>()) as u64;
+        let buffer = self.buffer(label, room, wgpu::BufferUsages::STORAGE);
         self.write(&buffer, bytes);
         buffer
     }

@@ -189,8 +189,8 @@ impl Relighter {
         let response = self.response();
         let (cells, planes) = (response.head.shape.len(), response.head.basis.count());
         for row in 0..response.row_count() {
-            let parts = response.row(row).and_then(|bytes| coefficient_planes(bytes, planes));
-            for (plane, part) in parts.map_err(|error| self.wrap(error))?.iter().enumerate() {
+            let parts = coefficient_planes(response.row(row)?, planes).map_err(|error| self.wrap(error))?;
+            for (plane, part) in parts.iter().enumerate() {
                 if part.mean != 0.0 {
                     each(row, plane, 0, part.mean);
                 }

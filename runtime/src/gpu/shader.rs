@@ -10,6 +10,21 @@ pub struct Shader {
 impl Shader {
     /// The whole text.
     pub fn source(&self) -> String {
+        if let Ok(dir) = std::env::var("ZZ_WGSL") {
+            let files: Vec<String> = std::fs::read_dir(dir)
+                .unwrap()
+                .filter(|f| f.as_ref().unwrap().path().extension().is_some_and(|e| e == "wgsl"))
+                .map(|f| std::fs::read_to_string(f.unwrap().path()).unwrap())
+                .collect();
+            return self
+                .parts
+                .iter()
+                .map(|part| {
+                    let first = part.lines().next().unwrap();
+                    files.iter().find(|f| f.lines().next().unwrap() == first).unwrap().clone()
+                })
+                .collect();
+        }
         self.parts.concat()
     }
 }
@@ -17,6 +32,23 @@ impl Shader {
 /// Rays, hashes, random numbers, noise, phase functions; the frame's uniforms in group 0.
 const COMMON: &str = include_str!("common.wgsl");
 
+/// Where it rains, and what rain shows of the world: group 2.
+const FIELD: &str = include_str!("rain_field.wgsl");
+const IN_SCATTERING: &str = include_str!("in_scattering.wgsl");
+const RAIN: &str = include_str!("rain.wgsl");
+/// The medium's optical depth.
+const DEPTH: &str = include_str!("medium_depth.wgsl");
+/// Spots of light in the picture.
+const SPOTS: &str = include_str!("spots.wgsl");
+/// A coarse picture at a finer one's pixels.
+const DOUBLED: &str = include_str!("doubled.wgsl");
+/// Rays against the town: group 1.
+const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+/// What it is made of; how it is looked at and lit; light between nodes.
+const TOWN_SURFACE: &str = include_str!("town_surface.wgsl");
+const TOWN_VIEW: &str = include_str!("town_view.wgsl");
+const TOWN_LIGHT: &str = include_str!("town_light.wgsl");
+const TOWN_MIX: &str = include_str!("town_mix.wgsl");
 /// The cloud's grid, in group 1.
 const CLOUD: &str = include_str!("cloud.wgsl");
 
@@ -39,6 +71,34 @@ macro_rules! shaders {
 shaders! {
     /// Nothing but the common part, run by its own tests.
     PROBE = "probe" [COMMON];
+    /// Drops of a frame.
+    RAIN_FIND = "rain_find" [COMMON, FIELD, TOWN_RAYS, IN_SCATTERING, RAIN];
+    /// Their streaks.
+    RAIN_DRAW = "rain_draw" [COMMON, IN_SCATTERING, RAIN];
+    /// What rain shows of the world in every direction.
+    SHOWN = "shown" [COMMON];
+    /// The medium and halos in it.
+    MEDIUM = "medium" [COMMON, FIELD, IN_SCATTERING, DEPTH];
+    /// Lamps and channels: where they are and what of them arrives.
+    SPOTS_PLACE = "spots_place" [COMMON, FIELD, TOWN_RAYS, DEPTH, SPOTS];
+    /// They themselves.
+    SPOTS_DRAW = "spots_draw" [COMMON, SPOTS];
+    /// The layer of streaks over the picture.
+    STREAKS_OVER = "streaks_over" [COMMON, IN_SCATTERING];
+    /// What a lens spreads.
+    BLOOM = "bloom" [DOUBLED];
+    /// The display's picture.
+    TONE = "tone" [COMMON, DOUBLED];
+    /// What every pixel's middle sees of the town.
+    TOWN_LOOK = "town_look" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
+    /// What it is made of.
+    TOWN_MADE = "town_made" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
+    /// Light at nodes.
+    TOWN_NODES = "town_nodes" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT];
+    /// Pixels between them.
+    TOWN_PIXELS = "town_pixels" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_MIX];
+    /// All other pixels.
+    TOWN_REST = "town_rest" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT, TOWN_MIX];
     /// Sums of rows.
     ROWS = "rows" [];
     /// Sums of rows back to light per cell.
@@ -55,8 +115,6 @@ shaders! {
     AROUND = "around" [COMMON];
     /// The town before the sky.
     COMPOSE = "compose" [COMMON, SKY];
-    /// A finished picture onto the caller's texture.
-    SHOW = "show" [COMMON];
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::RainPath;
+use crate::registers::in_registers;
 use crate::world::InScattering;
 use glam::{Vec4, Vec4Swizzles};
 
@@ -78,20 +79,6 @@ impl Medium {
         });
         Ok(depth.as_ref().map_or(0, DepthBuffer::holes))
     }
-}
-
-/// Runs `work`, which is inlined, with the widest registers of this machine. None of its products are fused with sums, so that
-/// the bytes are the same with all of them.
-#[cfg(feature = "simd")]
-fn in_registers(work: impl FnOnce()) {
-    use fearless_simd::Simd;
-    fearless_simd::dispatch!(fearless_simd::Level::new(), simd => simd.vectorize(work));
-}
-
-/// Runs `work` with the registers that every machine has.
-#[cfg(not(feature = "simd"))]
-fn in_registers(work: impl FnOnce()) {
-    work();
 }
 
 /// A medium before one camera, its numbers in single precision.

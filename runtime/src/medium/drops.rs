@@ -7,6 +7,9 @@
 //! smoothed over the sun's. The primary bow stands at 138°, 42° from the point opposite the sun, the secondary at 129°
 //! (51°); each colour at its own, for its own refractive index.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use std::f64::consts::PI;
 
 /// Bins over the angle θ, half a degree each.

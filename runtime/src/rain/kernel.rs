@@ -47,6 +47,50 @@ pub struct Span<'a> {
     pub shares: &'a [f32],
 }
 
+/// Pixels that are worked on together.
+pub const BLOCK: usize = 4;
+
+/// A streak's lines inside a clip, side by side: what a kernel hands over at once where it can.
+///
+/// All lines have the same number of blocks of [`BLOCK`] pixels, and may begin before the clip and end beyond it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ribbon {
+    /// Whether lines are columns of pixels; rows otherwise.
+    pub columns: bool,
+    /// Row (or column) of the first line.
+    pub line: i32,
+    /// Blocks of a line.
+    pub blocks: usize,
+    /// Column (or row) of each line's first pixel.
+    pub first: Vec<i32>,
+    /// Shares as in [`Span::shares`], line by line and block by block; what is below 0 is none.
+    pub shares: Vec<[f32; BLOCK]>,
+}
+
+impl Ribbon {
+    /// Makes room for the lines from `lines[0]` to before `lines[1]`; what they hold is then to be written.
+    pub fn begin(&mut self, columns: bool, lines: [i32; 2], blocks: usize) {
+        let count = usize::try_from(lines[1].saturating_sub(lines[0])).unwrap_or(0);
+        (self.columns, self.line, self.blocks) = (columns, lines[0], blocks);
+        self.first.resize(count, 0);
+        self.shares.resize(count * blocks, [0.0; BLOCK]);
+    }
+
+    /// Its lines: row (or column), first pixel, shares.
+    pub fn lines(&self) -> impl Iterator<Item = (i32, i32, &[[f32; BLOCK]])> {
+        let numbered = (self.line..).zip(&self.first);
+        // No blocks, no lines.
+        numbered
+            .zip(self.shares.chunks_exact(self.blocks.max(1)))
+            .map(|((line, &first), shares)| (line, first, shares))
+    }
+
+    /// Bytes that it holds.
+    pub fn bytes(&self) -> usize {
+        self.first.capacity() * size_of::<i32>() + self.shares.capacity() * size_of::<[f32; BLOCK]>()
+    }
+}
+
 /// Draws footprints. The rain multiplies what a kernel returns with the streak's whole coverage, so that a
 /// kernel decides where coverage lies and physics how much there is.
 pub trait Kernel: Sync {
@@ -71,4 +115,21 @@ pub trait Kernel: Sync {
         scratch: &mut Self::Scratch,
         put: &mut impl FnMut(Span),
     );
+
+    /// Whether [`Kernel::place`] looks at a footprint's line of sight and light, which cost some to work out.
+    fn sees_light(&self) -> bool {
+        true
+    }
+
+    /// [`Kernel::draw`] where a footprint's part inside `clip` is lines of one length: fills `ribbon` and answers true, or answers false and is
+    /// asked to [`Kernel::draw`]. What lies outside the clip is not read.
+    fn ribbon(
+        &self,
+        _placed: &Self::Placed,
+        _clip: Clip,
+        _scratch: &mut Self::Scratch,
+        _ribbon: &mut Ribbon,
+    ) -> bool {
+        false
+    }
 }

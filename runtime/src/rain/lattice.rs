@@ -3,6 +3,9 @@
 //! Everything is in lattice units (one cell = 1) relative to the cell that the camera is in, so that the
 //! numbers are small whatever the hour and wherever the camera.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use glam::{DVec2, DVec3};
 use std::ops::Range;
 

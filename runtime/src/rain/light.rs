@@ -26,10 +26,10 @@ pub struct MainLight {
 }
 
 impl MainLight {
-    /// A light of `irradiance` under an even sky of mean radiance `around`.
+    /// A light of `irradiance` under an even sky of mean radiance `around`; none where it has no share.
     pub fn new(towards: DVec3, irradiance: f64, around: f64) -> Option<Self> {
         let share = irradiance / (irradiance + std::f64::consts::PI * around.max(0.0));
-        share.is_finite().then_some(Self { towards, share })
+        (share > 0.0 && share.is_finite()).then_some(Self { towards, share })
     }
 }
 

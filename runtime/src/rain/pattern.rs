@@ -1,12 +1,12 @@
 //! The kernel for an asset with patterns: each drop's streak is one of the asset's pictures.
 
-use super::kernel::{Clip, Footprint, Kernel, Span};
+use super::kernel::{BLOCK, Clip, Footprint, Kernel, Ribbon, Span};
 use super::window::SmoothWindow;
 use crate::shade::streak::choice::Conditions;
 use crate::shade::streak::{self, StreakSet, Tile};
 
-/// Pixels that the picture works on together: spans are padded to whole blocks.
-const BLOCK: usize = 4;
+/// Most pixels of a thin streak's row.
+const LONGEST: usize = 32;
 
 /// Share of the shortest pattern's length over its width below which none of them stands for a streak.
 const TOO_SHORT: f64 = 0.5;
@@ -16,12 +16,13 @@ const TOO_SHORT: f64 = 0.5;
 pub struct PatternScratch {
     patch: Vec<f32>,
     streak: streak::Scratch,
+    ribbon: Ribbon,
 }
 
 impl PatternScratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
-        self.patch.capacity() * size_of::<f32>() + self.streak.bytes()
+        self.patch.capacity() * size_of::<f32>() + self.streak.bytes() + self.ribbon.bytes()
     }
 }
 
@@ -39,11 +40,11 @@ impl Kernel for StreakSet {
     fn place(&self, footprint: &Footprint) -> Option<(Clip, PlacedPattern)> {
         let Some(kernel) = self.of_footprint(footprint) else {
             let (clip, plain) = SmoothWindow.place(footprint)?;
-            return Some((clip, PlacedPattern { plain: Some(plain), ..PlacedPattern::default() }));
+            return Some((clip, PlacedPattern::Plain(plain)));
         };
         let streak = self.placed(&kernel)?;
         let [left, top, right, bottom] = streak.bounds;
-        Some((Clip { left, top, right, bottom }, PlacedPattern { streak, plain: None }))
+        Some((Clip { left, top, right, bottom }, PlacedPattern::Streak(streak)))
     }
 
     fn draw(
@@ -53,36 +54,83 @@ impl Kernel for StreakSet {
         scratch: &mut PatternScratch,
         put: &mut impl FnMut(Span),
     ) {
-        if let Some(plain) = &placed.plain {
-            return SmoothWindow.draw(plain, clip, &mut (), put);
-        }
-        let [left, top, right, bottom] = placed.streak.bounds;
+        let streak = match placed {
+            PlacedPattern::Plain(plain) => return SmoothWindow.draw(plain, clip, &mut (), put),
+            PlacedPattern::Streak(streak) => streak,
+        };
+        let [left, top, right, bottom] = streak.bounds;
         let origin = [left.max(clip.left), top.max(clip.top)];
         let end = [right.min(clip.right), bottom.min(clip.bottom)];
         if end[0] <= origin[0] || end[1] <= origin[1] {
             return;
         }
-        let rows = [[origin[0], end[0]], [origin[1], end[1]]];
-        // Lines of a thin streak that stands rather upright are rows already.
-        let drawn = self.draw_rows(&placed.streak, rows, &mut scratch.streak, |y, x, count, shares| {
-            // What cosines undershoot below zero is cut off.
-            shares.iter_mut().for_each(|share| *share = if *share > 0.0 { *share } else { 0.0 });
-            put(Span { x, y, count, shares });
-        });
-        if !drawn {
-            self.draw_patch(&placed.streak, origin, end, scratch, put);
+        if Self::in_rows(streak) {
+            self.draw_rows(streak, [origin, end], scratch, put);
+        } else {
+            self.draw_patch(streak, origin, end, scratch, put);
         }
+    }
+
+    fn sees_light(&self) -> bool {
+        self.choice().is_some()
+    }
+
+    fn ribbon(
+        &self,
+        placed: &PlacedPattern,
+        clip: Clip,
+        scratch: &mut PatternScratch,
+        ribbon: &mut Ribbon,
+    ) -> bool {
+        let PlacedPattern::Streak(streak) = placed else { return false };
+        let [left, top, right, bottom] = streak.bounds;
+        let columns = [left.max(clip.left), right.min(clip.right)];
+        let rows = [top.max(clip.top), bottom.min(clip.bottom)];
+        self.fill_ribbon(streak, [columns, rows], &mut scratch.streak, ribbon)
     }
 }
 
-/// A footprint's streak: a pattern's, or a plain one where there is no light.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PlacedPattern {
-    streak: streak::PlacedStreak,
-    plain: Option<Footprint>,
+/// A footprint's streak.
+#[derive(Clone, Copy, Debug)]
+pub enum PlacedPattern {
+    /// A pattern's.
+    Streak(streak::PlacedStreak),
+    /// A plain one, where no pattern has light or fits.
+    Plain(Footprint),
+}
+
+impl Default for PlacedPattern {
+    fn default() -> Self {
+        Self::Streak(streak::PlacedStreak::default())
+    }
 }
 
 impl StreakSet {
+    /// Hands on the rows of a thin streak that stands rather upright.
+    fn draw_rows(
+        &self,
+        placed: &streak::PlacedStreak,
+        [origin, end]: [[i32; 2]; 2],
+        scratch: &mut PatternScratch,
+        put: &mut impl FnMut(Span),
+    ) {
+        let PatternScratch { ribbon, streak, .. } = scratch;
+        let clip = [[origin[0], end[0]], [origin[1], end[1]]];
+        self.fill_ribbon(placed, clip, streak, ribbon);
+        for (y, first, shares) in ribbon.lines() {
+            let count = (ribbon.blocks * BLOCK) as i32;
+            let (x, to) = (first.max(origin[0]), first.saturating_add(count).min(end[0]));
+            if x >= to {
+                continue;
+            }
+            let mut padded = [0.0; LONGEST];
+            let own = &shares.as_flattened()[(x - first) as usize..(to - first) as usize];
+            // What cosines undershoot below zero is cut off.
+            padded.iter_mut().zip(own).for_each(|(out, &share)| *out = if share > 0.0 { share } else { 0.0 });
+            put(Span { x, y, count: own.len(), shares: &padded[..own.len().next_multiple_of(BLOCK)] });
+        }
+    }
+
     /// Draws a streak into a patch of memory and hands that on row by row.
     fn draw_patch(
         &self,
@@ -93,7 +141,7 @@ impl StreakSet {
         put: &mut impl FnMut(Span),
     ) {
         let [width, height] = [0, 1].map(|axis| (end[axis] - origin[axis]) as usize);
-        let PatternScratch { patch, streak } = scratch;
+        let PatternScratch { patch, streak, .. } = scratch;
         patch.clear();
         // The last span's padding may reach past the last row.
         patch.resize(width * height + BLOCK, 0.0);
@@ -148,7 +196,7 @@ impl StreakSet {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::random::Random;
     use crate::shade::streak::tests::every_kind;
@@ -160,7 +208,7 @@ mod tests {
     const ENERGY: f64 = 2e-2;
 
     /// Every kind but the flat window, whose hard border no lattice sums exactly.
-    fn set() -> StreakSet {
+    pub(in crate::rain) fn set() -> StreakSet {
         let mut section = every_kind();
         section.patterns.retain(|streak| match &streak.pattern {
             Pattern::Cosines(cosines) => cosines.window != squall_formats::section::streak::Window::Flat,

@@ -2,24 +2,28 @@
 //! and sees its streaks in the order of the list.
 //!
 //! A streak is laid straight over the picture and into the mask: what it costs is its covered pixels and its visits to tiles. A
-//! tile's part of both fits a core's second cache, and a streak of a hundred pixels meets two or three.
+//! tile's part of both fits a core's second cache, and a streak of a hundred pixels meets two or three. What a tile needs of its
+//! streaks is gathered before they are drawn, so that memory is waited for once and not streak by streak. Long lists are drawn in
+//! parts, one after the other, so that memory is bounded; a pixel sees the same streaks in the same order.
 
-use super::kernel::{Clip, Footprint, Kernel, Span};
+mod lay;
+
+use super::kernel::{Clip, Footprint, Kernel, Ribbon};
 use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
+use lay::Under;
 use std::any::Any;
 
 /// Tile width and height, px: 16 bytes a pixel of picture and mask, an eighth of a megabyte.
 const TILE: [usize; 2] = [128, 64];
+/// Streaks that are prepared and sorted into tiles at a time.
+const PART: usize = 16_384;
 /// Pixels of 12 bytes in a line of the cache.
 const PER_LINE: usize = 5;
-/// Pixels that are worked on together, one vector register wide; drawn spans are padded to whole blocks.
-const BLOCK: usize = 4;
-const LANES: [f32; BLOCK] = [0.0, 1.0, 2.0, 3.0];
 /// Pixels whose depth is looked at together.
 const SEEN: usize = 64;
 
@@ -38,31 +42,55 @@ pub struct Scene<'a, K, L> {
 /// Reusable memory for drawing.
 #[derive(Debug)]
 pub(super) struct Canvas {
-    radiance: Vec<[f32; 3]>,
     boxes: Vec<TileBox>,
     /// Where each tile's streaks start in `order`; one more than there are tiles.
     starts: Vec<u32>,
     order: Vec<u32>,
-    /// The kernel's working memory, one for each band: whatever type the last kernel had.
+    /// Working memory, one for each band: whatever type the last kernel had, and its bytes.
     bands: Vec<Box<dyn Any + Send + Sync>>,
-    /// What the last kernel made of each streak, of a type of its own too, and its bytes.
-    placed: Box<dyn Any + Send + Sync>,
-    placed_bytes: usize,
+    band_bytes: usize,
+    /// What the last kernel made of a part's streaks, of a type of its own too, and its bytes.
+    ready: Box<dyn Any + Send + Sync>,
+    ready_bytes: usize,
     mask: Vec<f32>,
 }
 
 impl Default for Canvas {
     fn default() -> Self {
         Self {
-            radiance: Vec::new(),
             boxes: Vec::new(),
             starts: Vec::new(),
             order: Vec::new(),
             bands: Vec::new(),
-            placed: Box::new(()),
-            placed_bytes: 0,
+            band_bytes: 0,
+            ready: Box::new(()),
+            ready_bytes: 0,
             mask: Vec::new(),
         }
+    }
+}
+
+/// A streak that is ready to be drawn.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ready<P> {
+    placed: P,
+    /// Its whole coverage, px², and its light.
+    strength: f32,
+    colour: [f32; 3],
+}
+
+/// Working memory of a band, whose kernel has scratch of type `S`.
+#[derive(Debug)]
+struct Band<S, P> {
+    scratch: S,
+    ribbon: Ribbon,
+    /// A tile's own streaks.
+    near: Vec<Ready<P>>,
+}
+
+impl<S, P> Band<S, P> {
+    fn bytes(&self) -> usize {
+        self.ribbon.bytes() + self.near.capacity() * size_of::<Ready<P>>()
     }
 }
 
@@ -123,7 +151,7 @@ impl Workspace {
             return Err(RuntimeError::argument("gain", "a finite number from 0", scene.gain));
         }
         let grid = [size[0].div_ceil(TILE[0]), size[1].div_ceil(TILE[1])];
-        self.canvas.draw(camera, scene, &self.streaks, grid, picture);
+        self.canvas.draw(camera, scene, (&self.streaks, PART), grid, picture);
         Ok(())
     }
 }
@@ -133,59 +161,93 @@ impl Canvas {
         &mut self,
         camera: &Camera,
         scene: &Scene<K, L>,
-        streaks: &[Streak],
+        (streaks, part): (&[Streak], usize),
         grid: [usize; 2],
         picture: &mut Picture,
     ) {
-        let kept = std::mem::replace(&mut self.placed, Box::new(()));
-        let mut placed = kept.downcast::<Vec<K::Placed>>().unwrap_or_default();
-        self.prepare(camera, scene, streaks, grid, &mut placed);
-        self.sort_into_tiles(grid);
-        self.bands.resize_with(grid[1].max(self.bands.len()), || Box::new(K::Scratch::default()));
-        let width = picture.width;
-        self.mask.resize(width * picture.height, 0.0);
+        let kept = std::mem::replace(&mut self.ready, Box::new(()));
+        let mut ready = kept.downcast::<Vec<Ready<K::Placed>>>().unwrap_or_default();
+        // The first part clears it, tile by tile.
+        self.mask.resize(picture.pixels.len(), 0.0);
+        if streaks.is_empty() {
+            self.mask.fill(0.0);
+        }
+        let new = || -> Box<dyn Any + Send + Sync> {
+            let (scratch, ribbon) = (K::Scratch::default(), Ribbon::default());
+            Box::new(Band::<K::Scratch, K::Placed> { scratch, ribbon, near: Vec::new() })
+        };
+        self.bands.resize_with(grid[1].max(self.bands.len()), new);
+        for band in &mut self.bands {
+            if !band.is::<Band<K::Scratch, K::Placed>>() {
+                *band = new();
+            }
+        }
+        for (number, streaks) in streaks.chunks(part).enumerate() {
+            self.prepare(camera, scene, streaks, grid, &mut ready);
+            self.sort_into_tiles(grid);
+            self.paint(camera, scene, &Part { streaks, ready: &ready, is_first: number == 0 }, grid, picture);
+        }
+        let bytes = |band: &Box<dyn Any + Send + Sync>| {
+            band.downcast_ref::<Band<K::Scratch, K::Placed>>().map_or(0, Band::bytes)
+        };
+        self.band_bytes = self.bands.iter().map(bytes).sum();
+        self.ready_bytes = ready.capacity() * size_of::<Ready<K::Placed>>();
+        self.ready = ready;
+    }
 
-        let Self { radiance, starts, order, bands, mask, .. } = self;
-        let list = TileList { streaks, placed: &placed, radiance, starts, order };
+    /// Paints some streaks that are prepared and sorted into tiles.
+    fn paint<K: Kernel, L: RainLight>(
+        &mut self,
+        camera: &Camera,
+        scene: &Scene<K, L>,
+        part: &Part<K::Placed>,
+        grid: [usize; 2],
+        picture: &mut Picture,
+    ) {
+        let Self { starts, order, bands, mask, .. } = self;
+        let list = TileList { starts, order };
+        let width = picture.width;
         let rows = width * TILE[1];
         let secants = camera.secants();
-        let paint = |(index, ((scratch, pixels), mask)): Job| {
-            if !scratch.is::<K::Scratch>() {
-                *scratch = Box::new(K::Scratch::default());
-            }
-            let Some(scratch) = scratch.downcast_mut::<K::Scratch>() else { return };
+        let paint = |(index, ((band, pixels), mask)): Job| {
+            let Some(band) = band.downcast_mut::<Band<K::Scratch, K::Placed>>() else { return };
             let top = index * TILE[1];
             let height = pixels.len() / width;
-            let mut brush = Brush { scratch, secants: &secants, scene, width, top, pixels, mask };
+            let mut brush = Brush { band, secants: &secants, scene, width, top, pixels, mask };
             for column in 0..grid[0] {
                 let (left, right) = (column * TILE[0], width.min((column + 1) * TILE[0]));
                 // Pictures have at most 2²⁸ pixels.
                 let [left, top, right, bottom] = [left, top, right, top + height].map(|side| side as i32);
                 let mine = list.of(index * grid[0] + column);
-                brush.open_tile(!mine.is_empty(), Clip { left, top, right, bottom });
-                brush.paint_tile(&list, mine, Clip { left, top, right, bottom });
+                if part.is_first || !mine.is_empty() {
+                    brush.open_tile(part, mine, Clip { left, top, right, bottom });
+                    brush.paint_tile(part, mine, Clip { left, top, right, bottom });
+                }
             }
         };
         let pixels = picture.pixels.par_chunks_mut(rows);
         bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
-        self.placed_bytes = placed.capacity() * size_of::<K::Placed>();
-        self.placed = placed;
     }
 }
 
 /// A band's number, its working memory, its pixels and its part of the mask.
 type Job<'a> = (usize, ((&'a mut Box<dyn Any + Send + Sync>, &'a mut [[f32; 3]]), &'a mut [f32]));
 
-/// Streaks with their light, and who is in which tile.
-struct TileList<'a, P> {
+/// Some streaks, ready to be drawn.
+struct Part<'a, P> {
     streaks: &'a [Streak],
-    placed: &'a [P],
-    radiance: &'a [[f32; 3]],
+    ready: &'a [Ready<P>],
+    /// Whether nothing has been drawn before them: what the mask holds is an earlier picture's.
+    is_first: bool,
+}
+
+/// Who is in which tile.
+struct TileList<'a> {
     starts: &'a [u32],
     order: &'a [u32],
 }
 
-impl<'a, P> TileList<'a, P> {
+impl<'a> TileList<'a> {
     fn of(&self, tile: usize) -> &'a [u32] {
         &self.order[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
@@ -193,42 +255,44 @@ impl<'a, P> TileList<'a, P> {
 
 impl Canvas {
     pub(super) fn bytes(&self) -> usize {
-        self.radiance.capacity() * size_of::<[f32; 3]>()
-            + self.boxes.capacity() * size_of::<TileBox>()
+        self.boxes.capacity() * size_of::<TileBox>()
             + (self.starts.capacity() + self.order.capacity() + self.mask.capacity()) * 4
-            + self.bands.capacity() * size_of::<Box<dyn Any + Send + Sync>>()
-            + self.placed_bytes
+            + self.bands.capacity() * size_of::<Box<dyn Any>>()
+            + self.band_bytes
+            + self.ready_bytes
     }
 
-    /// Each streak's light and tiles.
+    /// Each streak's place, light and tiles.
     fn prepare<K: Kernel, L: RainLight>(
         &mut self,
         camera: &Camera,
         scene: &Scene<K, L>,
         streaks: &[Streak],
         grid: [usize; 2],
-        placed: &mut Vec<K::Placed>,
+        ready: &mut Vec<Ready<K::Placed>>,
     ) {
-        self.radiance.resize(streaks.len(), [0.0; 3]);
         self.boxes.resize(streaks.len(), NOWHERE);
-        placed.resize(streaks.len(), K::Placed::default());
+        ready.resize(streaks.len(), Ready::default());
         let secants = camera.secants();
-        let prepare = |(((radiance, tiles), placed), streak): Prepare<K::Placed>| {
+        let sees_light = scene.kernel.sees_light();
+        let prepare = |((ready, tiles), streak): Prepare<K::Placed>| {
             let mut footprint = streak.footprint();
             *tiles = NOWHERE;
             let ray = camera.ray_with(&secants, footprint.centre[0], footprint.centre[1]);
             let distance = f64::from(streak.depth) / ray.direction.dot(camera.forward);
-            footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
-            footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
-                let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
-                [light.share, libm::acos(cosine).to_degrees()]
-            });
-            let Some((clip, ready)) = scene.kernel.place(&footprint) else { return };
-            (*tiles, *placed) = (tiles_of(clip, grid), ready);
-            *radiance = scene.light.radiance(&ray, distance);
+            if sees_light {
+                footprint.elevation_deg = libm::asin(ray.direction.z.clamp(-1.0, 1.0)).to_degrees();
+                footprint.light = scene.light.main_light(&ray, distance).map_or([0.0, 90.0], |light| {
+                    let cosine = light.towards.dot(ray.direction).clamp(-1.0, 1.0);
+                    [light.share, libm::acos(cosine).to_degrees()]
+                });
+            }
+            let Some((clip, placed)) = scene.kernel.place(&footprint) else { return };
+            *tiles = tiles_of(clip, grid);
+            let strength = (f64::from(streak.coverage) * scene.gain) as f32;
+            *ready = Ready { placed, strength, colour: scene.light.radiance(&ray, distance) };
         };
-        let out = self.radiance.par_iter_mut().zip(&mut self.boxes).zip(placed);
-        out.zip(streaks).for_each(prepare);
+        ready.par_iter_mut().zip(&mut self.boxes).zip(streaks).for_each(prepare);
     }
 
     /// Counting sort: streaks into tiles, in the order of the list within each tile.
@@ -259,12 +323,12 @@ impl Canvas {
     }
 }
 
-/// A streak, and what is worked out of it: its light, tiles and place.
-type Prepare<'a, P> = (((&'a mut [f32; 3], &'a mut TileBox), &'a mut P), &'a Streak);
+/// A streak, and what is worked out of it: its tiles and the rest.
+type Prepare<'a, P> = ((&'a mut Ready<P>, &'a mut TileBox), &'a Streak);
 
 /// What paints one band, tile by tile.
 struct Brush<'a, K: Kernel, L> {
-    scratch: &'a mut K::Scratch,
+    band: &'a mut Band<K::Scratch, K::Placed>,
     secants: &'a Secants,
     scene: &'a Scene<'a, K, L>,
     /// Pixels of a row, and the band's first row.
@@ -275,150 +339,97 @@ struct Brush<'a, K: Kernel, L> {
 }
 
 impl<K: Kernel, L> Brush<'_, K, L> {
-    /// Clears a tile's mask, and fetches its pixels if any will be wanted: row after row, as memory is fast. A streak alone would
-    /// wait for each of its rows.
-    fn open_tile(&mut self, wanted: bool, Clip { left, top, right, bottom }: Clip) {
-        let mut seen = 0.0;
+    /// Fetches a tile's streaks, and its mask and pixels, row after row, as memory is fast. A streak alone would wait for each of its rows.
+    fn open_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], Clip { left, top, right, bottom }: Clip) {
+        self.band.near.clear();
+        self.band.near.extend(mine.iter().map(|&index| part.ready[index as usize]));
+        let mut seen = 0;
         for row in top as usize - self.top..bottom as usize - self.top {
             let columns = row * self.width + left as usize..row * self.width + right as usize;
-            self.mask[columns.clone()].fill(0.0);
-            if wanted {
-                seen += self.pixels[columns].iter().step_by(PER_LINE).map(|pixel| pixel[0]).sum::<f32>();
+            match part.is_first {
+                true => self.mask[columns.clone()].fill(0.0),
+                false => self.mask[columns.clone()]
+                    .iter()
+                    .step_by(3 * PER_LINE)
+                    .for_each(|alpha| seen |= alpha.to_bits()),
+            }
+            if !mine.is_empty() {
+                self.pixels[columns].iter().step_by(PER_LINE).for_each(|pixel| seen |= pixel[0].to_bits());
             }
         }
         std::hint::black_box(seen);
     }
 
-    fn paint_tile(&mut self, list: &TileList<K::Placed>, mine: &[u32], clip: Clip) {
-        let Self { scratch, secants, scene, width, top, pixels, mask } = self;
-        for &index in mine {
-            let streak = &list.streaks[index as usize];
-            let placed = &list.placed[index as usize];
-            let radiance = list.radiance[index as usize];
-            let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            let at = |span: &Span| (span.y as usize - *top) * *width + span.x as usize;
-            match &scene.depth {
-                None => scene.kernel.draw(placed, clip, scratch, &mut |span| {
-                    let from = at(&span);
-                    lay(
-                        (&mut pixels[from..], &mut mask[from..]),
-                        span.count,
-                        span.shares,
-                        strength,
-                        radiance,
-                    );
-                }),
-                Some(buffer) => {
-                    let line = DepthLine::new(streak, &streak.footprint());
-                    scene.kernel.draw(placed, clip, scratch, &mut |span| {
-                        let from = at(&span);
-                        for start in (0..span.count).step_by(SEEN) {
-                            let count = (span.count - start).min(SEEN);
-                            let mut seen = [0.0; SEEN];
-                            for (i, (seen, &share)) in
-                                seen.iter_mut().zip(&span.shares[start..]).take(count).enumerate()
-                            {
-                                let (x, y) = (span.x as usize + start + i, span.y as usize);
-                                if share > 0.0 && !line.hidden(secants, buffer, x, y) {
-                                    *seen = share;
-                                }
-                            }
-                            let under = (&mut pixels[from + start..], &mut mask[from + start..]);
-                            lay(under, count, &seen, strength, radiance);
-                        }
-                    });
+    fn paint_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], clip: Clip) {
+        for at in 0..self.band.near.len() {
+            let Band { scratch, ribbon, near } = &mut *self.band;
+            let Ready { placed, strength, colour } = near[at];
+            let is_ribbon = self.scene.kernel.ribbon(&placed, clip, scratch, ribbon);
+            if !is_ribbon {
+                let streak = &part.streaks[mine[at] as usize];
+                self.paint_spans(streak, &placed, clip, (strength, colour));
+                continue;
+            }
+            if self.scene.depth.is_some() {
+                self.hide(&part.streaks[mine[at] as usize], clip);
+            }
+            let mut under = Under { pixels: self.pixels, mask: self.mask, width: self.width, top: self.top };
+            under.lay_ribbon(&self.band.ribbon, clip, strength, colour);
+        }
+    }
+
+    /// A streak whose kernel hands on spans.
+    fn paint_spans(
+        &mut self,
+        streak: &Streak,
+        placed: &K::Placed,
+        clip: Clip,
+        (strength, colour): (f32, [f32; 3]),
+    ) {
+        let Self { band, secants, scene, width, top, pixels, mask } = self;
+        let scratch = &mut band.scratch;
+        let mut under = Under { pixels, mask, width: *width, top: *top };
+        let Some(buffer) = &scene.depth else {
+            return scene.kernel.draw(placed, clip, scratch, &mut |span| {
+                under.lay_span([span.x, span.y], span.count, span.shares, (strength, colour));
+            });
+        };
+        let line = DepthLine::new(streak, &streak.footprint());
+        scene.kernel.draw(placed, clip, scratch, &mut |span| {
+            for start in (0..span.count).step_by(SEEN) {
+                let count = (span.count - start).min(SEEN);
+                let mut seen = [0.0; SEEN];
+                let shares = seen.iter_mut().zip(&span.shares[start..]).take(count);
+                for (i, (seen, &share)) in shares.enumerate() {
+                    let (x, y) = (span.x as usize + start + i, span.y as usize);
+                    if share > 0.0 && !line.hidden(secants, buffer, x, y) {
+                        *seen = share;
+                    }
+                }
+                under.lay_span([span.x + start as i32, span.y], count, &seen, (strength, colour));
+            }
+        });
+    }
+
+    /// Takes from the ribbon what the scene hides.
+    fn hide(&mut self, streak: &Streak, clip: Clip) {
+        let Some(buffer) = &self.scene.depth else { return };
+        let depth = DepthLine::new(streak, &streak.footprint());
+        let [low, high] =
+            if self.band.ribbon.columns { [clip.top, clip.bottom] } else { [clip.left, clip.right] };
+        let Ribbon { columns, line, blocks, first, shares } = &mut self.band.ribbon;
+        let numbered = (*line..).zip(first.iter());
+        for ((line, &first), shares) in numbered.zip(shares.chunks_exact_mut((*blocks).max(1))) {
+            for (place, share) in (first..).zip(shares.as_flattened_mut()) {
+                if place >= low && place < high && *share > 0.0 {
+                    let [x, y] = if *columns { [line, place] } else { [place, line] };
+                    if depth.hidden(self.secants, buffer, x as usize, y as usize) {
+                        *share = 0.0;
+                    }
                 }
             }
         }
     }
-}
-
-/// Lays the first `count` shares of a span over the pixels and the mask that begin where it does.
-///
-/// Most spans are one block. Longer ones go elsewhere, so that the compiler does not set up a loop over many
-/// blocks for each of them.
-#[inline(always)]
-fn lay(
-    under: (&mut [[f32; 3]], &mut [f32]),
-    count: usize,
-    shares: &[f32],
-    strength: f32,
-    radiance: [f32; 3],
-) {
-    let (pixels, mask) = under;
-    lay_block(pixels, mask, count, shares, strength, radiance);
-    if count > BLOCK {
-        lay_more(pixels, mask, count, shares, strength, radiance);
-    }
-}
-
-#[inline(never)]
-fn lay_more(
-    pixels: &mut [[f32; 3]],
-    mask: &mut [f32],
-    count: usize,
-    shares: &[f32],
-    strength: f32,
-    radiance: [f32; 3],
-) {
-    for start in (BLOCK..count).step_by(BLOCK) {
-        let rest = shares.get(start..).unwrap_or_default();
-        lay_block(&mut pixels[start..], &mut mask[start..], count - start, rest, strength, radiance);
-    }
-}
-
-#[inline(always)]
-fn lay_block(
-    pixels: &mut [[f32; 3]],
-    mask: &mut [f32],
-    count: usize,
-    shares: &[f32],
-    strength: f32,
-    radiance: [f32; 3],
-) {
-    let Some(shares) = shares.first_chunk::<BLOCK>() else { return };
-    let left = count as u32 as f32;
-    let mut alpha = [0.0; BLOCK];
-    for lane in 0..BLOCK {
-        // A kernel's NaN fails the comparison and draws nothing; so does what pads the block.
-        let value = strength * shares[lane];
-        let value = if value > 0.0 { value } else { 0.0 };
-        let value = if value < 1.0 { value } else { 1.0 };
-        alpha[lane] = if LANES[lane] < left { value } else { 0.0 };
-    }
-    // With a coverage of 0 a pixel stays what it is, infinite or not: whole blocks are safe where there is room.
-    let whole = pixels.as_flattened_mut().first_chunk_mut::<{ 3 * BLOCK }>();
-    match (whole, mask.first_chunk_mut::<BLOCK>()) {
-        (Some(light), Some(mask)) => {
-            // Four pixels of three colours are three registers, whose lanes belong to these pixels and colours.
-            let [r, g, b] = radiance;
-            let [a0, a1, a2, a3] = alpha;
-            let covers = [[a0, a0, a0, a1], [a1, a1, a2, a2], [a2, a3, a3, a3]];
-            let colours = [[r, g, b, r], [g, b, r, g], [b, r, g, b]];
-            let (registers, _) = light.as_chunks_mut::<BLOCK>();
-            for ((light, cover), colour) in registers.iter_mut().zip(covers).zip(colours) {
-                for lane in 0..BLOCK {
-                    light[lane] = light[lane] * (1.0 - cover[lane]) + cover[lane] * colour[lane];
-                }
-            }
-            for lane in 0..BLOCK {
-                mask[lane] = mask[lane] * (1.0 - alpha[lane]) + alpha[lane];
-            }
-        }
-        _ => {
-            let under = pixels.iter_mut().zip(mask).take(count);
-            under.zip(alpha).for_each(|((pixel, mask), alpha)| over(pixel, mask, alpha, radiance));
-        }
-    }
-}
-
-#[inline(always)]
-fn over(pixel: &mut [f32; 3], mask: &mut f32, alpha: f32, radiance: [f32; 3]) {
-    let keep = 1.0 - alpha;
-    for colour in 0..3 {
-        pixel[colour] = pixel[colour] * keep + alpha * radiance[colour];
-    }
-    *mask = *mask * keep + alpha;
 }
 
 /// Inverse depth along a streak: linear in the picture.
@@ -445,3 +456,6 @@ impl DepthLine {
         buffer.planar(x, y, || secants.at(px, py)) * inverse < 1.0
     }
 }
+
+#[cfg(test)]
+mod tests;

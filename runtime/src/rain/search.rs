@@ -1,5 +1,8 @@
 //! One class of drops in one frame: its lattice's cells, and the drops that a cell's hash yields.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::lattice::{FrustumPiece, Viewpoint};
 use super::streak::{Drop, Lens};
 use super::{RainField, Shelter, Shot, Streak, Weather};

@@ -60,6 +60,10 @@ impl Kernel for SmoothWindow {
         Some((clip, *footprint))
     }
 
+    fn sees_light(&self) -> bool {
+        false
+    }
+
     #[inline(always)]
     fn draw(&self, footprint: &Footprint, clip: Clip, _: &mut (), put: &mut impl FnMut(Span)) {
         let window = FootprintWindow::new(footprint);

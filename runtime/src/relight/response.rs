@@ -41,24 +41,45 @@ impl Response {
         blocks_of(self.head.shape, cloud)
     }
 
-    /// All rows.
-    pub fn rows(&self) -> &[u8] {
-        self.asset.bytes().get(self.rows.clone()).unwrap_or_default()
-    }
-
     /// Number of rows: virtual point lights and distant lights.
     pub fn row_count(&self) -> usize {
         self.index.len()
     }
 
+    /// Has rows `wanted` in memory, of an asset that is read piece by piece; of others they are.
+    ///
+    /// Errors: they cannot be read, or nobody reads them ([`RuntimeError::NotFetched`]).
+    pub(super) fn fetch(&self, wanted: impl Iterator<Item = usize>) -> Result<(), RuntimeError> {
+        self.asset.fetch_rows((&self.index, self.rows.len()), wanted)
+    }
+
     /// The bytes of row `row` with their checksum verified.
-    pub fn row(&self, row: usize) -> Result<&[u8], ReadError> {
-        checked_row(&self.index, self.rows(), row)
+    ///
+    /// Errors: the row is damaged, cannot be read, or there is none of this number.
+    pub fn row(&self, row: usize) -> Result<&[u8], RuntimeError> {
+        if self.asset.range_rows().is_some() {
+            return self.row_unchecked(row);
+        }
+        checked_row(&self.index, self.rows(), row).map_err(|error| self.asset.wrap(error))
     }
 
     /// The bytes of row `row`, for a reader that has verified it before.
-    pub fn row_unchecked(&self, row: usize) -> Result<&[u8], ReadError> {
-        row_bytes(&self.index, self.rows(), row)
+    ///
+    /// Errors: it cannot be read, or there is none of this number.
+    pub fn row_unchecked(&self, row: usize) -> Result<&[u8], RuntimeError> {
+        let wrap = |error| self.asset.wrap(error);
+        let Some(fetched) = self.asset.range_rows().filter(|_| row < self.index.len()) else {
+            return row_bytes(&self.index, self.rows(), row).map_err(wrap);
+        };
+        // Every row is checked as it comes.
+        self.fetch(std::iter::once(row))?;
+        let lacking = || RuntimeError::NotFetched { path: self.asset.path().to_owned(), ranges: Vec::new() };
+        fetched.row(row, self.index.len()).ok_or_else(lacking)
+    }
+
+    /// All rows, of an asset that is here whole.
+    fn rows(&self) -> &[u8] {
+        self.asset.bytes().get(self.rows.clone()).unwrap_or_default()
     }
 
     /// Bounds of row `row`, one a coefficient.

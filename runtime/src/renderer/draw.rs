@@ -10,6 +10,7 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
+use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
 use crate::camera::{Camera, Ray};
@@ -19,12 +20,13 @@ use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::Rain;
+use crate::shade::adaptive::{self, Spacing};
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::Sky;
 use crate::shade::town::frame::TownFrame;
-use crate::shade::town::light::Lighting;
+use crate::shade::town::light::{Lighting, StrokeLights};
 use crate::shade::town::line::Images;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
@@ -74,6 +76,7 @@ impl Scene {
         (sky, detail): (&Sky, &Detail),
         memory: &mut Memory,
     ) -> Result<FrameReport, RuntimeError> {
+        let mut watch = Watch::new(memory.clock);
         let camera = &frame.camera;
         let flashes = self.lit_strokes(frame, sky)?;
         let size = [camera.width as usize, camera.height as usize];
@@ -85,6 +88,7 @@ impl Scene {
             let cells = (&mut memory.cells, &mut memory.flash_cells);
             report = light::light_cells(clouds, asked, (sky, self.place), &mut memory.ambient, cells)?;
         }
+        watch.lap(&mut report.times.light);
         let clouds = Clouds { scene: self, frame, detail };
         let cloud = clouds.marched(&memory.cells);
         let eye = camera.position;
@@ -115,7 +119,15 @@ impl Scene {
         let field = self.rain_place.field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
-        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        let mut wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        if self.town.is_some() && self.rain_place.map_of(frame).is_some() {
+            let pieces = |flash: &LitStroke| {
+                let points = flash.lights.points.iter().map(|point| point.position);
+                points.chain(flash.lights.images.centres()).collect::<Vec<_>>()
+            };
+            wet = wet.tabulated(eye, flashes.iter().flat_map(pieces));
+        }
+        watch.lap(&mut report.times.surroundings);
         if let Some(surrounding) = &surrounding {
             self.render_town(
                 (frame, sky),
@@ -125,6 +137,7 @@ impl Scene {
                 &mut memory.town,
             );
         }
+        watch.lap(&mut report.times.town);
         // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
         let disc = |x: usize, y: usize, ray: &Ray| {
             let disc = sky.disc_in_pixel(camera, x, y);
@@ -132,7 +145,14 @@ impl Scene {
             let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
             disc.map(|value| value * open)
         };
-        self.compose(camera, sky, (&beyond, &disc), memory.town.frame(), &mut memory.picture);
+        self.compose(
+            (camera, frame.quality.sky),
+            sky,
+            (&beyond, &disc),
+            memory.town.frame(),
+            &mut memory.picture,
+        );
+        watch.lap(&mut report.times.sky);
         let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
         let in_rain = |phase: &Phase| match &mut surrounding {
             Some(surrounding) => surrounding.in_scattering(phase),
@@ -163,7 +183,8 @@ impl Scene {
             size: MIRROR_SIZE,
         };
         let from_eye = |direction: Vec3| Ray { origin: eye, direction: direction.as_dvec3() };
-        let mirror = Environment::new(window, &|direction| beyond(&from_eye(direction)));
+        let mirror =
+            Environment::looked_at(window, frame.quality.sky, &|direction| beyond(&from_eye(direction)));
         // A cloud that no stroke lights sheds nothing: its rays are not followed.
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
@@ -195,6 +216,7 @@ impl Scene {
         memory: &mut Memory,
         report: &mut FrameReport,
     ) -> Result<(), RuntimeError> {
+        let mut watch = Watch::new(memory.clock);
         let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());
         let channels = channel::Channels { flashes, camera, sky, cloud, town };
         // A lamp is looked at through the air and the rain before it, whatever stands or doesn't stand behind it.
@@ -210,6 +232,7 @@ impl Scene {
         let Some(section) = &self.rain else {
             lamps(&|_| 1.0, &mut memory.picture);
             channels.draw(&|_| 1.0, &mut memory.picture);
+            watch.lap(&mut report.times.lights_in_view);
             return Ok(());
         };
         let rain = Rain::new(section, frame.streaks.seed);
@@ -227,9 +250,12 @@ impl Scene {
             drops,
         };
         let medium = rain::medium(&task, in_rain, memory)?;
+        watch.lap(&mut report.times.medium);
         lamps(&|point| medium.left(camera, point), &mut memory.picture);
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
+        watch.lap(&mut report.times.lights_in_view);
         report.streaks = rain::streaks(&task, &medium, memory)?;
+        watch.lap(&mut report.times.streaks);
         Ok(())
     }
 
@@ -240,43 +266,51 @@ impl Scene {
     /// The strokes that the frame lets flash, each with its factor.
     pub(super) fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
         let eye = frame.camera.position;
-        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
         let strokes = self.strokes.find(lit.clone())?;
         let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
             let stroke = self.place.stroke(stroke);
-            let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
+            let lights = self.town_lights(&stroke, eye, sky);
             LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
         };
         Ok(lit.zip(strokes).map(lit_by).collect())
     }
 
+    /// A stroke's light as an eye sees it, [`channel::town_lights`].
+    pub(super) fn town_lights(&self, stroke: &Stroke, eye: DVec3, sky: &Sky) -> StrokeLights {
+        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
+        channel::town_lights(stroke, self.cloud_grid(), eye, &air)
+    }
+
     /// Sky and cloud behind the town, clear air in front.
     fn compose(
         &self,
-        camera: &Camera,
+        (camera, spacing): (&Camera, Spacing),
         sky: &Sky,
         (beyond, disc): (&Beyond<'_>, &Disc<'_>),
         town: &TownFrame,
         picture: &mut Picture,
     ) {
         let (width, has_town) = (picture.width, self.town.is_some());
+        let cover = |x: usize, y: usize| if has_town { town.pixels[y * width + x].cover } else { 0.0 };
+        let size = [picture.width, picture.height];
+        let behind = |x: usize, y: usize| beyond(&camera.ray(x as f64 + 0.5, y as f64 + 0.5));
+        adaptive::fill(size, spacing, (&behind, &|x, y| cover(x, y) < 1.0), &mut picture.pixels);
         let row = |(y, row): (usize, &mut [[f32; 3]])| {
             for (x, pixel) in row.iter_mut().enumerate() {
-                let seen = has_town.then(|| town.pixels[y * width + x]);
-                let cover = seen.map_or(0.0, |seen| seen.cover);
-                *pixel = [0.0; 3];
+                let cover = cover(x, y);
                 if cover < 1.0 {
-                    let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
-                    let (light, disc) = (beyond(&ray), disc(x, y, &ray));
-                    *pixel = std::array::from_fn(|band| (light[band] + disc[band]) * (1.0 - cover));
+                    let disc = disc(x, y, &camera.ray(x as f64 + 0.5, y as f64 + 0.5));
+                    (0..3).for_each(|band| pixel[band] = (pixel[band] + disc[band]) * (1.0 - cover));
+                } else {
+                    *pixel = [0.0; 3];
                 }
-                let Some(seen) = seen else { continue };
-                let air = sky.air_view(
-                    eye_height(camera.position),
-                    TOWN_M,
-                    f64::from(seen.distance.min(FARTHEST_GROUND_M)),
-                );
+                if !has_town {
+                    continue;
+                }
+                let seen = &town.pixels[y * width + x];
+                let distance = f64::from(seen.distance.min(FARTHEST_GROUND_M));
+                let air = sky.air_view(eye_height(camera.position), TOWN_M, distance);
                 for band in 0..3 {
                     pixel[band] += seen.radiance[band] * air.transmittance[band] + air.added[band] * cover;
                 }

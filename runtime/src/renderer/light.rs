@@ -1,6 +1,6 @@
 //! From the asset's rows to light per cell, in three colours, towards one viewer.
 
-use super::FrameReport;
+use super::{FrameReport, FrameTimes};
 use crate::camera::Ray;
 use crate::clouds::{Clouds, SunSource, Viewer, with_extinction};
 use crate::error::RuntimeError;
@@ -94,6 +94,7 @@ pub fn light_cells(
         streaks: 0,
         sun: of_sky.sun,
         sky_missing: !of_sky.whole,
+        times: FrameTimes::default(),
     })
 }
 

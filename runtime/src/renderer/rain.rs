@@ -4,7 +4,6 @@ use super::Memory;
 use super::channel::irradiance_at;
 use super::halos::{self, Halos};
 use super::lit_stroke::LitStroke;
-use crate::airlight::Airlight;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
@@ -12,8 +11,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MainLight, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot,
-    SmoothWindow, Workspace,
+    Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene, Shelter,
+    Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -79,7 +78,7 @@ impl Place {
 }
 
 /// Street lamps farther from the eye than this light no drop that is drawn, m.
-const LAMP_REACH_M: f64 = 60.0;
+pub(super) const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
 struct DropLight<'a> {
@@ -149,7 +148,7 @@ impl RainMedium<'_> {
     }
 }
 
-fn shot_of(frame: &Frame) -> Shot<'_> {
+pub(super) fn shot_of(frame: &Frame) -> Shot<'_> {
     let [min_px, max_px] = frame.streaks.length_px;
     Shot { min_px, max_px, ..Shot::new(&frame.camera, frame.exposure) }
 }
@@ -178,7 +177,7 @@ fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>,
 }
 
 /// The flashes at the eye, as one distant light; those with halos of their own are left out.
-fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) -> bool) -> Beam {
+pub(super) fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) -> bool) -> Beam {
     let (irradiance, direction) = irradiance_at(flashes.iter().filter(|flash| !leave_out(flash)), eye);
     Beam { towards: -direction, irradiance }
 }
@@ -220,19 +219,17 @@ pub fn medium<'a>(
     let full = field.filled_radius(eye).min(field.farthest());
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
-    let outlook = Outlook { camera, volume: field, light: &own, depth };
+    let volume = RainFan::new(field, camera);
+    let outlook = Outlook { camera, volume, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
-    let airlight = match memory.airlight.take() {
-        Some(known) if known.phase() == medium.phase() => known,
-        _ => Airlight::new(medium.phase()),
-    };
-    let mut halos = Halos::new(&airlight, &medium);
-    halos.add_lamps(task.lamps, eye, full);
-    task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash));
+    let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
+    let mut halos = Halos::new(&spreading, &medium, &field);
+    halos.add_lamps(task.lamps, eye);
+    task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
     halos.draw(camera, &memory.metres, &mut memory.picture);
-    memory.airlight = Some(airlight);
+    memory.spreading = Some(spreading);
     Ok(RainMedium { medium: Some(medium), field, light })
 }
 

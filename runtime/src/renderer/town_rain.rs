@@ -1,5 +1,7 @@
 //! The frame's rain between places of the town, and on the way of lamps to the eye.
 
+mod table;
+
 use crate::camera::Ray;
 use crate::math::exp_neg;
 use crate::medium::Medium;
@@ -7,18 +9,32 @@ use crate::rain::{RainField, RainPath};
 use crate::shade::town::rain::RainBetween;
 use crate::world::InScattering;
 use glam::{DVec3, Vec3};
+use table::DepthTable;
 
 /// Rain of a frame, none of whose drops is drawn on the ways that it is asked for.
 pub struct TownRain<'a> {
     medium: Medium,
     field: RainField<'a>,
     light: &'a InScattering,
+    /// Of rain that has a map.
+    table: Option<DepthTable>,
 }
 
 impl<'a> TownRain<'a> {
     /// Rain that is this medium in this field, and what it shows of the world's light.
     pub fn new(medium: Medium, field: RainField<'a>, light: &'a InScattering) -> Self {
-        Self { medium, field, light }
+        Self { medium, field, light, table: None }
+    }
+
+    /// The same with depths from around `eye` to the sky, and to the `targets` of [`RainBetween::left_far`], tabulated: for rain that
+    /// has a map.
+    pub fn tabulated(self, eye: DVec3, targets: impl Iterator<Item = Vec3>) -> Self {
+        let is_dry = self.medium.extinction().0 == 0.0;
+        Self { table: (!is_dry).then(|| DepthTable::new(eye, targets)), ..self }
+    }
+
+    fn depth(&self, from: DVec3, direction: DVec3, metres: f64) -> f64 {
+        self.medium.optical_depth_in(&self.field, &Ray { origin: from, direction }, metres, 1.0)
     }
 
     fn share(&self, from: DVec3, direction: DVec3, metres: f64) -> f32 {
@@ -26,7 +42,6 @@ impl<'a> TownRain<'a> {
         if extinction == 0.0 {
             return 1.0;
         }
-        let ray = Ray { origin: from, direction };
         // Where rain is full at both ends of a way it is so between them.
         let depth = match metres <= self.field.farthest()
             && self.field.filled_radius(from) >= 0.0
@@ -34,7 +49,7 @@ impl<'a> TownRain<'a> {
                 || metres.is_finite() && self.field.filled_radius(from + direction * metres) >= 0.0)
         {
             true => extinction * metres,
-            false => self.medium.optical_depth_in(&self.field, &ray, metres, 1.0),
+            false => self.depth(from, direction, metres),
         };
         exp_neg(depth as f32)
     }
@@ -47,9 +62,21 @@ impl RainBetween for TownRain<'_> {
         if metres == 0.0 { 1.0 } else { self.share(from.as_dvec3(), way / metres, metres) }
     }
 
+    fn left_far(&self, from: Vec3, to: Vec3) -> f32 {
+        let depth = |from, direction, metres| self.depth(from, direction, metres);
+        let found = self.table.as_ref().and_then(|table| table.to_target(from, to, &depth));
+        found.map_or_else(|| self.left(from, to), |depth| exp_neg(depth))
+    }
+
     fn along(&self, from: Vec3, direction: Vec3, metres: f32) -> (f32, [f32; 3]) {
+        let depth = |from, direction, metres| self.depth(from, direction, metres);
+        let table = self.table.as_ref().filter(|_| metres == f32::INFINITY);
+        let found = table.and_then(|table| table.to_sky(from, direction, &depth));
         let direction = direction.as_dvec3();
-        let left = self.share(from.as_dvec3(), direction, f64::from(metres));
+        let left = match found {
+            Some(depth) => exp_neg(depth),
+            None => self.share(from.as_dvec3(), direction, f64::from(metres)),
+        };
         let added = if left < 1.0 { self.light.radiance(direction) } else { [0.0; 3] };
         (left, added.map(|value| value * (1.0 - left)))
     }

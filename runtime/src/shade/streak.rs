@@ -18,7 +18,10 @@ mod frame;
 mod prepare;
 mod profile;
 mod thin;
+#[cfg(feature = "gpu")]
+pub(crate) mod upload;
 
+use crate::rain::kernel::{BLOCK, Ribbon};
 use choice::Choice;
 use draw::{Lines, Wave, draw};
 use edge::EdgeTable;
@@ -86,14 +89,15 @@ pub struct Tile<'a> {
 pub struct Scratch {
     waves: Vec<Wave>,
     rows: Vec<[ProfileRow; 2]>,
-    mixed: Vec<f32>,
+    mixed: Vec<[f32; 4]>,
+    ribbon: Ribbon,
 }
 
 impl Scratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
         let rows: usize = self.rows.iter().flatten().map(ProfileRow::bytes).sum();
-        let mixed = self.mixed.capacity() * size_of::<f32>();
+        let mixed = self.mixed.capacity() * size_of::<[f32; 4]>() + self.ribbon.bytes();
         let rows = rows + self.rows.capacity() * size_of::<[ProfileRow; 2]>();
         self.waves.capacity() * size_of::<Wave>() + rows + mixed
     }
@@ -102,10 +106,25 @@ impl Scratch {
 /// A streak whose place is worked out.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PlacedStreak {
-    kernel: StreakPlacement,
-    thin: Option<ThinPlace>,
+    pattern: u32,
     /// Pixels that it may touch: left, top, right, bottom.
     pub(crate) bounds: [i32; 4],
+    form: Form,
+}
+
+/// How a streak is drawn.
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    /// Too thin to show what is across it.
+    Thin(ThinPlace),
+    /// Resolved.
+    Wide(StreakPlacement),
+}
+
+impl Default for Form {
+    fn default() -> Self {
+        Self::Wide(StreakPlacement::default())
+    }
 }
 
 /// A kernel's frame of reference.
@@ -118,6 +137,25 @@ struct Pose {
     /// Frame coordinates of the picture's corner u = v = 0.
     corner: [f64; 2],
     weight: f32,
+}
+
+impl Tile<'_> {
+    /// Adds the part of a ribbon that lies in `clip`, columns and rows of the frame inside the tile.
+    fn add_ribbon(&mut self, ribbon: &Ribbon, clip: [[i32; 2]; 2]) {
+        let [low, high] = clip[usize::from(ribbon.columns)];
+        let stride = if ribbon.columns { self.width } else { 1 };
+        for (line, first, shares) in ribbon.lines() {
+            let (from, to) = (first.max(low), first.saturating_add((ribbon.blocks * BLOCK) as i32).min(high));
+            if from >= to {
+                continue;
+            }
+            let [x, y] = if ribbon.columns { [line, from] } else { [from, line] };
+            let at = (y - self.origin[1]) as usize * self.width + (x - self.origin[0]) as usize;
+            let lights = &shares.as_flattened()[(from - first) as usize..(to - first) as usize];
+            let pixels = self.alpha[at..].iter_mut().step_by(stride);
+            pixels.zip(lights).for_each(|(pixel, light)| *pixel += light);
+        }
+    }
 }
 
 impl StreakSet {
@@ -177,24 +215,31 @@ impl StreakSet {
         let narrowest = (prepared.finest / PERIODS_PER_PIXEL).min(THIN_PICTURE_PX);
         let is_thin =
             kernel.width < THIN_WIDTH_PX || kernel.length < THIN_LENGTH_PX || pose.scale[0] < narrowest;
-        let thin = is_thin.then(|| prepared.thin.place(&pose, prepared.body.v));
-        Some(PlacedStreak { kernel: *kernel, thin, bounds: pose.bounds(prepared) })
+        let form = match is_thin {
+            true => Form::Thin(prepared.thin.place(&pose, prepared.body.v)),
+            false => Form::Wide(*kernel),
+        };
+        Some(PlacedStreak { pattern: kernel.pattern, form, bounds: pose.bounds(prepared) })
     }
 
-    /// Hands each row of a thin, rather upright streak inside `clip` to `put`: row, first column, how many, their light, padded to
-    /// whole blocks of four. Says whether the streak is one.
+    /// Fills `ribbon` with a thin streak's lines inside `clip`, rows or columns of the frame. Says whether the streak is one.
     #[inline]
-    pub(crate) fn draw_rows(
+    pub(crate) fn fill_ribbon(
         &self,
         placed: &PlacedStreak,
         clip: [[i32; 2]; 2],
         scratch: &mut Scratch,
-        mut put: impl FnMut(i32, i32, usize, &mut [f32]),
+        ribbon: &mut Ribbon,
     ) -> bool {
-        let Some(thin) = placed.thin.as_ref().filter(|thin| !thin.level) else { return false };
-        let Some(prepared) = self.prepared(placed.kernel.pattern) else { return false };
-        prepared.thin.lines(thin, clip, &mut scratch.mixed, &mut put);
+        let Form::Thin(thin) = &placed.form else { return false };
+        let Some(prepared) = self.prepared(placed.pattern) else { return false };
+        prepared.thin.fill(thin, clip, &mut scratch.mixed, ribbon);
         true
+    }
+
+    /// Whether a streak's lines are rows.
+    pub(crate) fn in_rows(placed: &PlacedStreak) -> bool {
+        matches!(&placed.form, Form::Thin(thin) if !thin.level)
     }
 
     /// Adds a kernel's light to a tile: each pixel gains the pattern's mean over its square, times the weight.
@@ -209,7 +254,7 @@ impl StreakSet {
 
     /// [`StreakSet::add`] of a kernel that is ready.
     pub(crate) fn add_placed(&self, placed: &PlacedStreak, tile: &mut Tile, scratch: &mut Scratch) {
-        let PlacedStreak { kernel, bounds, thin } = placed;
+        let PlacedStreak { pattern, bounds, form } = placed;
         if tile.width == 0 {
             return;
         }
@@ -221,20 +266,17 @@ impl StreakSet {
         if clip.iter().any(|[low, high]| low >= high) {
             return;
         }
-        let Some(prepared) = self.prepared(kernel.pattern) else { return };
-        if let Some(thin) = thin {
-            let lines = if thin.level { [clip[1], clip[0]] } else { clip };
-            prepared.thin.lines(thin, lines, &mut scratch.mixed, &mut |line, from, count, lights| {
-                let (x, y) = if thin.level { (line, from) } else { (from, line) };
-                let at = (y - tile.origin[1]) as usize * tile.width + (x - tile.origin[0]) as usize;
-                let stride = if thin.level { tile.width } else { 1 };
-                let pixels = tile.alpha[at..].iter_mut().step_by(stride);
-                pixels.zip(&lights[..count]).for_each(|(pixel, light)| *pixel += light);
-            });
-            return;
-        }
+        let Some(prepared) = self.prepared(*pattern) else { return };
+        let kernel = match form {
+            Form::Wide(kernel) => kernel,
+            Form::Thin(thin) => {
+                let Scratch { mixed, ribbon, .. } = scratch;
+                prepared.thin.fill(thin, clip, mixed, ribbon);
+                return tile.add_ribbon(ribbon, clip);
+            }
+        };
         let Some(pose) = Pose::new(kernel, prepared) else { return };
-        let across = prepared.range()[0].map(|u| u * pose.scale[0]);
+        let across = prepared.range[0].map(|u| u * pose.scale[0]);
         let lines = Lines::new(&pose, across, clip);
         let Scratch { waves, rows, .. } = scratch;
         let cosines = prepared.cosines();
@@ -280,7 +322,7 @@ impl Pose {
 
     /// Pixels that the light of `prepared` may touch: left, top, right, bottom.
     fn bounds(&self, prepared: &Prepared) -> [i32; 4] {
-        let range = prepared.range();
+        let range = prepared.range;
         let mut low = [f64::INFINITY; 2];
         let mut high = [f64::NEG_INFINITY; 2];
         for u in range[0] {
@@ -294,14 +336,13 @@ impl Pose {
                 }
             }
         }
-        // Pixels whose square meets the range: a pixel's shadow reaches half a pixel along either axis.
-        let whole = |value: f64| value.clamp(-1e9, 1e9) as i32;
-        [
-            whole((low[0] - 0.5).floor()),
-            whole((low[1] - 0.5).floor()),
-            whole((high[0] + 0.5).ceil()),
-            whole((high[1] + 0.5).ceil()),
-        ]
+        // Pixels whose square meets the range: a pixel's shadow reaches half a pixel along either axis. Casts round toward zero.
+        let floor = |value: f64| {
+            let whole = value.clamp(-1e9, 1e9) as i32;
+            whole - i32::from(f64::from(whole) > value)
+        };
+        let ceil = |value: f64| -floor(-value);
+        [floor(low[0] - 0.5), floor(low[1] - 0.5), ceil(high[0] + 0.5), ceil(high[1] + 0.5)]
     }
 
     /// Profiles across and along, seen through this kernel's pixels. Rows of earlier kernels keep their memory.

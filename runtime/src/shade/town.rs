@@ -15,6 +15,8 @@ pub mod light;
 pub mod line;
 pub mod rain;
 mod shelter;
+#[cfg(feature = "gpu")]
+pub(crate) mod upload;
 
 use boxes::Boxes;
 use facade::Wall;

@@ -23,7 +23,9 @@ const MOST: u32 = 1 << 16;
 
 impl DirectRays {
     /// A still picture's.
-    pub const STILL: Self = Self::PerStroke(1 << 17);
+    pub const STILL: Self = Self::PerStroke(1 << 16);
+    /// A preview's.
+    pub const PREVIEW: Self = Self::PerStroke(1 << 14);
 
     /// Rays of each of `lights`, at least 1. Pictures of every kind send the same rays: the number of a light, the number of its rays
     /// and a seed say where they go.

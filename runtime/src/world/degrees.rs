@@ -4,6 +4,9 @@
 //! ground under an even sky, degree 20 leaves out .0007 of the step's height at g = .77 and .012 at g = .884: the next odd
 //! degree's own, .165 g²¹.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, SQRT_2};
 

@@ -8,6 +8,7 @@
 
 mod field;
 mod rays;
+mod skip;
 
 use crate::cloud::{Boundary, Cloud};
 pub use crate::light::Light;

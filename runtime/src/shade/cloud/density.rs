@@ -70,9 +70,7 @@ impl CloudShape {
                 cloud.extinction[shape.index(near(x, 0, nx), near(y, 1, ny), near(z, 2, nz))] > 0.0
             })
         });
-        let mut distances: Vec<u8> = filled.map(|filled| if filled { 0 } else { u8::MAX }).collect();
-        spread(shape, &mut distances);
-        Self { distances, ceilings: ceilings(shape, &cloud.extinction) }
+        Self { distances: distances(shape, filled), ceilings: ceilings(shape, &cloud.extinction) }
     }
 
     /// Largest extinction around each cell, 1/m, x fastest.
@@ -86,9 +84,10 @@ impl CloudShape {
     }
 }
 
-/// From 0 in cubes with cloud and the largest number elsewhere to the distances between: two sweeps over the grid, each of which looks
-/// at the 13 neighbours that come before \[rosenfeld-pfaltz\]; exact where all 26 neighbours are one step away.
-fn spread(shape: GridShape, distances: &mut [u8]) {
+/// How many steps the nearest that is `filled` is away, a cell of a grid, at most 255; all 26 neighbours are one step away. Two sweeps,
+/// each of which looks at the 13 neighbours that come before \[rosenfeld-pfaltz\], are exact.
+pub(crate) fn distances(shape: GridShape, filled: impl Iterator<Item = bool>) -> Vec<u8> {
+    let mut distances: Vec<u8> = filled.map(|filled| if filled { 0 } else { u8::MAX }).collect();
     let counts = shape.to_array().map(|count| count as isize);
     let before = |i: isize| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1];
     for sign in [1, -1] {
@@ -107,6 +106,7 @@ fn spread(shape: GridShape, distances: &mut [u8]) {
             distances[index] = least;
         }
     }
+    distances
 }
 
 /// Extinction between cell centres, its edges cut into billows, so that a grid with cells of a hundred metres does not look like

@@ -4,6 +4,9 @@
 //! that come nearest; a drop takes one of its bin by its own number, the same for its whole life while its conditions stay. A set that
 //! says nothing is drawn by number alone.
 
+#[cfg(feature = "gpu")]
+mod flat;
+
 use squall_formats::section::streak::{SceneNotes, StreakPattern};
 
 /// How a drop is seen.

@@ -5,6 +5,9 @@
 //! integral. Shadows of all pixels of a lattice add up to a constant across any lattice line, which is what
 //! keeps the light of a streak thinner than a pixel the same wherever it falls.
 
+#[cfg(feature = "gpu")]
+mod nodes;
+
 /// Pixels worked on together.
 pub(super) const LANES: usize = 8;
 /// Angle classes from 0° to 45°, and softness classes, 2^(class/4 − 4) pixels.

@@ -14,6 +14,8 @@ pub struct Prepared {
     pub body: Body,
     /// Periods across of its finest visible wave.
     pub finest: f64,
+    /// Where the pattern has light: ends of u and of v.
+    pub range: [[f64; 2]; 2],
     /// How it is drawn where its width is resolved.
     pub light: PatternLight,
     /// How it is drawn where it is not.
@@ -78,7 +80,7 @@ impl Prepared {
             }
             PatternLight::Products(_) => 0.0,
         };
-        Self { body, finest, light, thin: Thin::new(&streak.pattern, integral) }
+        Self { body, finest, range: range(&light), light, thin: Thin::new(&streak.pattern, integral) }
     }
 
     /// The cosines, of a pattern that is made of them.
@@ -88,22 +90,22 @@ impl Prepared {
             PatternLight::Products(_) => None,
         }
     }
+}
 
-    /// Where the pattern has light: ends of u and of v.
-    pub fn range(&self) -> [[f64; 2]; 2] {
-        /// Softnesses beyond which an edge has faded to 10⁻⁴ of the light, and its sum to 10⁻⁵.
-        const FADED: f64 = 2.6;
-        let PatternLight::Cosines(Cosines { frame: PatternFrame::Edges(window), .. }) = &self.light else {
-            return [[0.0, 1.0]; 2];
-        };
-        let bend = |bends: &[f64]| bends.iter().map(|bend| bend.abs()).sum::<f64>();
-        let [left, right] = [0, 1].map(|i| bend(&window.sides[i][1..]) + FADED * window.softness[i]);
-        let [top, bottom] = [0, 1].map(|i| bend(&window.ends[i][1..]) + FADED * window.softness[2 + i]);
-        [
-            [window.sides[0][0] - left, window.sides[1][0] + right],
-            [window.ends[0][0] - top, window.ends[1][0] + bottom],
-        ]
-    }
+/// Where the pattern has light: ends of u and of v.
+fn range(light: &PatternLight) -> [[f64; 2]; 2] {
+    /// Softnesses beyond which an edge has faded to 10⁻⁴ of the light, and its sum to 10⁻⁵.
+    const FADED: f64 = 2.6;
+    let PatternLight::Cosines(Cosines { frame: PatternFrame::Edges(window), .. }) = light else {
+        return [[0.0, 1.0]; 2];
+    };
+    let bend = |bends: &[f64]| bends.iter().map(|bend| bend.abs()).sum::<f64>();
+    let [left, right] = [0, 1].map(|i| bend(&window.sides[i][1..]) + FADED * window.softness[i]);
+    let [top, bottom] = [0, 1].map(|i| bend(&window.ends[i][1..]) + FADED * window.softness[2 + i]);
+    [
+        [window.sides[0][0] - left, window.sides[1][0] + right],
+        [window.ends[0][0] - top, window.ends[1][0] + bottom],
+    ]
 }
 
 impl Cosines {

@@ -1,6 +1,9 @@
 //! A window's or a table's profile along one axis, with its second integral, so that its mean over a pixel's
 //! shadow is a second difference at any scale. For windows that have no closed form.
 
+#[cfg(feature = "gpu")]
+mod nodes;
+
 use super::edge::NARROWEST_BOX;
 
 /// Intervals of the stored integrals over [0, 1].

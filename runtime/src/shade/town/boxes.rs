@@ -1,5 +1,8 @@
 //! Rays against upright boxes: a tree over their bounds, built once.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use glam::{Vec2, Vec3};
 use squall_formats::section::town::Block;
 

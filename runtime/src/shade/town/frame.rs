@@ -1,27 +1,18 @@
 //! A whole picture of the town: light, cover and depth for every pixel.
 
+mod node;
+mod quality;
+mod strip;
+
+pub use quality::Quality;
+
 use super::Town;
-use super::grain::{Grain, grain};
-use super::light::{Lighting, Mirror, Parts};
+use super::light::Lighting;
 use crate::camera::{Camera, Projection};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use glam::{DVec3, Vec3};
-
-/// How finely a picture is sampled.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Quality {
-    /// Samples along each side of a pixel, at least 1.
-    pub samples: u32,
-    /// Mirror directions per sample, at least 1.
-    pub facets: u32,
-}
-
-impl Default for Quality {
-    fn default() -> Self {
-        Self { samples: 3, facets: 3 }
-    }
-}
+use strip::{ROWS, Strip, Task};
 
 /// What a pixel shows of the town.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,7 +63,7 @@ type StrokeParts<const N: usize> = [[f32; 3]; N];
 impl Town {
     /// Renders what `camera` sees into `frame`.
     ///
-    /// Rows are independent; with feature `rayon` they run on the caller's pool, and any number of threads
+    /// Strips of rows are independent; with feature `rayon` they run on the caller's pool, and any number of threads
     /// gives the same bytes.
     pub fn render(&self, camera: &Camera, lighting: &Lighting, quality: Quality, frame: &mut TownFrame) {
         // Most frames tell no stroke apart and pay for none.
@@ -94,62 +85,18 @@ impl Town {
         let (width, count) = (frame.width, frame.width * frame.height);
         frame.pixels.resize(count, SKY);
         let mut apart: Vec<StrokeParts<N>> = vec![[[0.0; 3]; N]; count];
-        let row = |(y, (row, apart)): (usize, (&mut [TownPixel], &mut [StrokeParts<N>]))| {
-            for (x, (pixel, apart)) in row.iter_mut().zip(apart).enumerate() {
-                (*pixel, *apart) = self.pixel(camera, lighting, quality, [x, y]);
+        let task = Task { town: self, camera, lighting, quality };
+        let strip = |(number, (rows, apart)): (usize, (&mut [TownPixel], &mut [StrokeParts<N>]))| {
+            let from = number * ROWS;
+            let strip = Strip::<N>::new(task, from, from + rows.len() / width);
+            for (at, (pixel, apart)) in rows.iter_mut().zip(apart).enumerate() {
+                (*pixel, *apart) = strip.pixel(at % width, from + at / width);
             }
         };
-        let rows = frame.pixels.par_chunks_mut(width).zip(apart.par_chunks_mut(width));
-        rows.enumerate().for_each(row);
+        let strips = frame.pixels.par_chunks_mut(width * ROWS).zip(apart.par_chunks_mut(width * ROWS));
+        strips.enumerate().for_each(strip);
         let told = lighting.strokes.len().min(N);
         frame.strokes = (0..told).map(|stroke| apart.iter().map(|parts| parts[stroke]).collect()).collect();
-    }
-
-    fn pixel<const N: usize>(
-        &self,
-        camera: &Camera,
-        lighting: &Lighting,
-        quality: Quality,
-        [x, y]: [usize; 2],
-    ) -> (TownPixel, [[f32; 3]; N]) {
-        let per_side = quality.samples.max(1);
-        let total = (per_side * per_side) as f32;
-        let angle = match camera.projection {
-            Projection::Perspective { .. } => 1.0 / camera.pixels_per_metre() as f32,
-            Projection::Orthographic { .. } => 0.0,
-        };
-        let mut pixel = SKY;
-        let mut light = Parts::<N>::NONE;
-        for sample in 0..per_side * per_side {
-            let at = |index: u32| (f64::from(index) + 0.5) / f64::from(per_side);
-            let (u, v) = (at(sample % per_side), at(sample / per_side));
-            let ray = camera.ray(x as f64 + u, y as f64 + v);
-            let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
-            let Some(hit) = self.trace(origin, direction, f32::MAX) else { continue };
-            let width = match camera.projection {
-                Projection::Perspective { .. } => angle * hit.distance,
-                Projection::Orthographic { .. } => 1.0 / camera.pixels_per_metre() as f32,
-            };
-            // A slanted surface is covered by an ellipse; its mean width stands for it.
-            let slant = -direction.dot(hit.normal);
-            let footprint = width / per_side as f32 / slant.max(0.01).sqrt();
-            // One sample in each row and column shows the points for all.
-            let points = if sample % per_side == sample / per_side { per_side as f32 } else { 0.0 };
-            // By the place and not by the pixel: the water's grain stands still while the camera moves.
-            let Grain { part, shift } = grain(hit.point, hit.normal, footprint * per_side as f32, per_side);
-            let sample = [part, per_side * per_side];
-            let mirror = Mirror { facets: quality.facets, sample, shift, angle, points };
-            light.add(1.0 / total, self.shade(direction, &hit, footprint, lighting, mirror));
-            pixel.cover += 1.0 / total;
-        }
-        let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
-        if let Some(hit) = self.trace(ray.origin.as_vec3(), ray.direction.as_vec3(), f32::MAX) {
-            pixel.distance = hit.distance;
-            pixel.depth = hit.distance * ray.direction.dot(camera.forward) as f32;
-            pixel.normal = hit.normal;
-        }
-        pixel.radiance = light.base;
-        (pixel, light.strokes)
     }
 
     /// Adds the street lamps that are in view to a picture, as small round spots that carry all their light; `left` is the share per
@@ -263,7 +210,12 @@ mod tests {
                 let camera =
                     Camera::new(DVec3::new(0.0, -20.0, 3.0), way, DVec3::Z, projection, [1, 1]).unwrap();
                 let mut frame = TownFrame::default();
-                town.render(&camera, &lighting, Quality { samples: 1, facets: 3 }, &mut frame);
+                town.render(
+                    &camera,
+                    &lighting,
+                    Quality { samples: 1, facets: 3, ..Quality::default() },
+                    &mut frame,
+                );
                 let seen = &frame.pixels[0];
                 assert!(seen.radiance.iter().all(|v| v.is_finite() && *v >= 0.0), "{way}: {seen:?}");
             }
@@ -279,7 +231,12 @@ mod tests {
         let town = small_town();
         let [one, many] = [1, 64].map(|facets| {
             let mut frame = TownFrame::default();
-            town.render(&camera, &lighting, Quality { samples: 1, facets }, &mut frame);
+            town.render(
+                &camera,
+                &lighting,
+                Quality { samples: 1, facets, spacing: 1, ..Quality::default() },
+                &mut frame,
+            );
             frame
         });
         let grain = one.pixels.iter().zip(&many.pixels);

@@ -1,5 +1,8 @@
 //! Rays against hills: bilinear patches on a height map, walked cell by cell.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use glam::{Vec2, Vec3};
 use squall_formats::section::town::HeightMap;
 

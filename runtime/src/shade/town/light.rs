@@ -6,9 +6,9 @@
 //! streaks of \[toyshop\] §6.3 without a blur pass.
 
 use super::ground::FILM_SLOPE;
-use super::line::{Images, LineLight};
+use super::line::{Images, Place};
 use super::rain::RainBetween;
-use super::{Hit, Surface, Town};
+use super::{Hit, Surface, Thing, Town};
 use crate::shade::water::{GLASS, fresnel_reflectance, rippled_highlight, water_reflectance};
 use crate::world::Sun;
 use glam::{Vec2, Vec3};
@@ -57,11 +57,29 @@ impl<const N: usize> Parts<N> {
     /// No light.
     pub const NONE: Self = Self { base: [0.0; 3], strokes: [[0.0; 3]; N] };
 
-    fn of(base: [f32; 3]) -> Self {
+    pub(super) fn of(base: [f32; 3]) -> Self {
         Self { base, ..Self::NONE }
     }
 
-    fn each(mut self, change: impl Fn(usize, f32) -> f32) -> Self {
+    /// The smaller of two numbers everywhere.
+    pub(super) fn least(self, other: Self) -> Self {
+        self.zip(other, f32::min)
+    }
+
+    /// The larger of two numbers everywhere.
+    pub(super) fn most(self, other: Self) -> Self {
+        self.zip(other, f32::max)
+    }
+
+    fn zip(mut self, other: Self, of: impl Fn(f32, f32) -> f32) -> Self {
+        let ours = std::iter::once(&mut self.base).chain(&mut self.strokes);
+        for (light, other) in ours.zip(std::iter::once(&other.base).chain(&other.strokes)) {
+            (0..3).for_each(|band| light[band] = of(light[band], other[band]));
+        }
+        self
+    }
+
+    pub(super) fn each(mut self, change: impl Fn(usize, f32) -> f32) -> Self {
         for light in std::iter::once(&mut self.base).chain(&mut self.strokes) {
             (0..3).for_each(|band| light[band] = change(band, light[band]));
         }
@@ -117,6 +135,40 @@ pub struct Mirror {
     pub points: f32,
 }
 
+/// The light at a spot that its surface makes something of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shading<const N: usize> {
+    /// Irradiance, W/m².
+    pub irradiance: Parts<N>,
+    /// Radiance that a pane of glass shows, W/(m² sr); none where there is no glass.
+    pub pane: Option<Parts<N>>,
+    /// Radiance of the water's facets, and the share that they keep from what lies below; none where it is dry.
+    pub mirrored: Option<(Parts<N>, f32)>,
+}
+
+/// Whether walls stand before pieces of a channel that are close to each other: where they do not before the first and the last,
+/// they don't between, and the same of where they do.
+#[derive(Default)]
+struct Openness {
+    ends: Option<[bool; 2]>,
+}
+
+impl Openness {
+    /// Whether piece `number` of `count` is seen; `is_open` looks.
+    fn at(&mut self, number: usize, count: usize, is_open: &dyn Fn(usize) -> bool) -> bool {
+        let ends = *self.ends.get_or_insert_with(|| {
+            let first = is_open(0);
+            [first, if count > 1 { is_open(count - 1) } else { first }]
+        });
+        match ends {
+            [first, last] if first == last => first,
+            [first, _] if number == 0 => first,
+            [_, last] if number + 1 == count => last,
+            _ => is_open(number),
+        }
+    }
+}
+
 /// Just below the share of a number of single precision that, added to it, never changes it.
 const HALF_A_DIGIT: f32 = 2.9e-8;
 /// As far as anything that casts a shadow may stand, m.
@@ -135,6 +187,13 @@ fn add(sum: &mut [f32; 3], factor: f32, value: [f32; 3]) {
     for band in 0..3 {
         sum[band] += factor * value[band];
     }
+}
+
+/// What a surface sends by itself, and what it scatters of light that arrives.
+fn scattered<const N: usize>(irradiance: Parts<N>, surface: &Surface) -> Parts<N> {
+    let mut light = irradiance.each(|band, arriving| surface.albedo[band] * arriving / std::f32::consts::PI);
+    add(&mut light.base, 1.0, surface.emission);
+    light
 }
 
 /// The k-th point of a sequence that fills the unit square evenly, and its first side best of all: multiples of
@@ -180,7 +239,7 @@ impl Town {
             for light in lights {
                 let own = irradiance(light, hit.point, hit.normal);
                 if own.iter().any(|&v| v > 0.0) && !self.is_blocked(start, light.position) {
-                    add(sum, lighting.rain.left(start, light.position), own);
+                    add(sum, lighting.rain.left_far(start, light.position), own);
                 }
             }
         };
@@ -229,11 +288,25 @@ impl Town {
 
     /// What a spot sends back towards the eye all around: its own light and what it scatters.
     fn matt<const N: usize>(&self, hit: &Hit, surface: &Surface, lighting: &Lighting) -> Parts<N> {
-        let mut light = self
-            .irradiance::<N>(hit, lighting)
-            .each(|band, arriving| surface.albedo[band] * arriving / std::f32::consts::PI);
-        add(&mut light.base, 1.0, surface.emission);
-        light
+        scattered(self.irradiance::<N>(hit, lighting), surface)
+    }
+
+    /// Whether a spot may show panes of glass.
+    pub(super) fn has_panes(&self, hit: &Hit) -> bool {
+        matches!(hit.thing, Thing::Block(number, Some(_), _) if self.blocks[number].windows.is_some())
+    }
+
+    /// What a pane of glass at a spot shows. A pane is flat: it shows things as finely as the pixel does.
+    pub(super) fn pane<const N: usize>(
+        &self,
+        direction: Vec3,
+        hit: &Hit,
+        footprint: f32,
+        lighting: &Lighting,
+    ) -> Parts<N> {
+        let cosine = -direction.dot(hit.normal);
+        let seen = direction + hit.normal * (2.0 * cosine);
+        self.seen(Self::lifted(hit), seen, |_| footprint, lighting)
     }
 
     /// Radiance of what a ray in unit `direction` met, towards where it came from, W/(m² sr).
@@ -248,16 +321,28 @@ impl Town {
         mirror: Mirror,
     ) -> Parts<N> {
         let surface = self.surface(hit, footprint);
-        let mut light = self.matt::<N>(hit, &surface, lighting);
-        if surface.glass > 0.0 {
-            let cosine = -direction.dot(hit.normal);
-            let seen = direction + hit.normal * (2.0 * cosine);
-            let share = surface.glass * fresnel_reflectance(cosine, GLASS);
-            // A pane is flat: it shows things as finely as the pixel does.
-            light.add(share, self.seen(Self::lifted(hit), seen, |_| footprint, lighting));
+        let shading = Shading {
+            irradiance: self.irradiance::<N>(hit, lighting),
+            pane: (surface.glass > 0.0).then(|| self.pane(direction, hit, footprint, lighting)),
+            mirrored: (surface.wet > 0.0).then(|| self.mirrored(direction, hit, &surface, lighting, mirror)),
+        };
+        self.composed(direction, hit, &surface, &shading)
+    }
+
+    /// The same of a surface in light that was worked out.
+    pub(super) fn composed<const N: usize>(
+        &self,
+        direction: Vec3,
+        hit: &Hit,
+        surface: &Surface,
+        shading: &Shading<N>,
+    ) -> Parts<N> {
+        let mut light = scattered(shading.irradiance, surface);
+        if let Some(pane) = shading.pane {
+            let share = surface.glass * fresnel_reflectance(-direction.dot(hit.normal), GLASS);
+            light.add(share, pane);
         }
-        if surface.wet > 0.0 {
-            let (mut mirrored, share) = self.mirrored(direction, hit, &surface, lighting, mirror);
+        if let Some((mut mirrored, share)) = shading.mirrored {
             mirrored.add(-share, light);
             light.add(surface.wet, mirrored);
         }
@@ -265,7 +350,7 @@ impl Town {
     }
 
     /// Light from the water's facets and the share that they keep from what lies below.
-    fn mirrored<const N: usize>(
+    pub(super) fn mirrored<const N: usize>(
         &self,
         direction: Vec3,
         hit: &Hit,
@@ -286,21 +371,24 @@ impl Town {
         let is_lost = |share: f32, light: [f32; 3], sum: &[f32; 3]| {
             (0..3).all(|band| share * light[band] <= HALF_A_DIGIT * sum[band])
         };
-        let shown = |sum: &mut [f32; 3], light: &LineLight| {
-            let bright = light.highlight(hit.point, hit.normal, to_viewer, slope);
-            let share = mirror.points * bright * light.visibility;
-            if is_lost(share, light.intensity, sum) {
-                return;
-            }
-            let middle = light.middle();
-            let faint = faint(share, light.intensity[1], sum);
-            if share > 0.0 && (faint || !self.is_blocked(start, middle)) {
-                add(sum, share * lighting.rain.left(start, middle), light.intensity);
-            }
-        };
+        let place = Place { point: hit.point, normal: hit.normal, to_viewer, slope };
         let shown_of = |images: &'_ Images, sum: &mut [f32; 3]| {
-            let lines = images.shown_at(hit.point, hit.normal, to_viewer, slope);
-            lines.for_each(|light| shown(sum, light));
+            images.each_shown(&place, |centre, lines| {
+                let mut left = None;
+                let mut open = Openness::default();
+                for (number, (light, bright)) in lines.iter().enumerate() {
+                    let share = mirror.points * bright * light.visibility;
+                    if is_lost(share, light.intensity, sum) {
+                        continue;
+                    }
+                    let is_open = |number: usize| !self.is_blocked(start, lines[number].0.middle());
+                    let faint = faint(share, light.intensity[1], sum);
+                    if faint || open.at(number, lines.len(), &is_open) {
+                        let left = *left.get_or_insert_with(|| lighting.rain.left_far(start, centre));
+                        add(sum, share * left, light.intensity);
+                    }
+                }
+            });
         };
         shown_of(lighting.images, &mut sum.base);
         // Measured against the stroke's own light, what is faint is so at any brightness.

@@ -6,6 +6,10 @@ use glam::Vec3;
 pub trait RainBetween: Sync {
     /// Share of light that gets from one place to the other, m.
     fn left(&self, from: Vec3, to: Vec3) -> f32;
+    /// The same to a piece of a channel, far from the town: near enough, where that is quicker.
+    fn left_far(&self, from: Vec3, to: Vec3) -> f32 {
+        self.left(from, to)
+    }
     /// The same along a ray that ends after `metres`, which may be infinite, and the radiance that rain adds on it, W/(m² sr).
     fn along(&self, from: Vec3, direction: Vec3, metres: f32) -> (f32, [f32; 3]);
 }

@@ -1,15 +1,16 @@
-//! Light that air and lens spread around bright things: a mixture of wide, round kernels that sums to 1.
+//! Light that a lens spreads around bright things, its bloom: a mixture of wide, round kernels that sums to 1. It knows no rain: what
+//! rain scatters around a light is [`crate::airlight`] and [`crate::point_spread`].
 //!
 //! Each level halves the picture with the weights [1 3 3 1]/8 along both axes and comes back doubled with
-//! [3 1]/4; the mixture over levels approximates the long tail of an atmospheric point spread at the cost of
+//! [3 1]/4; the mixture over levels approximates the long tail of glass and sensor at the cost of
 //! one third more pixels, as Kawase's repeated blur does \[toyshop\] §6.2. Both steps share light out without
-//! gain or loss, so the glow moves energy and makes none.
+//! gain or loss, so the bloom moves energy and makes none.
 
 use crate::picture::Picture;
 
 /// How much light is spread, and how far.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Glow {
+pub struct Bloom {
     /// Share of the light that leaves its pixel, in [0, 1].
     pub amount: f32,
     /// Widest level: its kernel is about 2^levels pixels wide. At most 12.
@@ -18,7 +19,7 @@ pub struct Glow {
     pub reach: f32,
 }
 
-impl Default for Glow {
+impl Default for Bloom {
     fn default() -> Self {
         Self { amount: 0.08, levels: 7, reach: 0.8 }
     }
@@ -76,8 +77,8 @@ fn add_doubled(fine: &Picture, weight: f32, coarse: &Picture) -> Picture {
     Picture { width: fine.width, height: fine.height, pixels }
 }
 
-impl Glow {
-    /// The picture with its glow: (1 − amount) of each pixel's light where it was, the rest around it.
+impl Bloom {
+    /// The picture with its bloom: (1 − amount) of each pixel's light where it was, the rest around it.
     pub fn spread(&self, picture: &Picture) -> Picture {
         let amount = self.amount.clamp(0.0, 1.0);
         let mut levels = Vec::new();
@@ -124,8 +125,8 @@ mod tests {
     fn the_kernel_sums_to_one() {
         let mut picture = Picture { width: 256, height: 128, pixels: vec![[0.0; 3]; 256 * 128] };
         picture.pixels[64 * 256 + 131] = [1000.0, 10.0, 1.0];
-        let glow = Glow { amount: 0.3, levels: 5, reach: 0.8 };
-        let spread = glow.spread(&picture);
+        let bloom = Bloom { amount: 0.3, levels: 5, reach: 0.8 };
+        let spread = bloom.spread(&picture);
         for (band, wanted) in [1000.0, 10.0, 1.0].into_iter().enumerate() {
             let sum: f32 = spread.pixels.iter().map(|pixel| pixel[band]).sum();
             assert!((sum / wanted - 1.0).abs() < ROUND_OFF, "colour {band}: {sum}");
@@ -137,7 +138,7 @@ mod tests {
     fn an_even_picture_of_any_size_stays_as_it_is() {
         for (width, height) in [(1, 1), (7, 5), (64, 33), (1, 40)] {
             let picture = Picture { width, height, pixels: vec![[0.7; 3]; width * height] };
-            let spread = Glow { amount: 1.0, levels: 12, reach: 1.0 }.spread(&picture);
+            let spread = Bloom { amount: 1.0, levels: 12, reach: 1.0 }.spread(&picture);
             assert!(spread.pixels.iter().flatten().all(|v| (v - 0.7).abs() < ROUND_OFF));
         }
     }

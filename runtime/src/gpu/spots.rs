@@ -1,0 +1,223 @@
+//! Lights that stand in the picture themselves, lamps and channels, and the layer of streaks over them.
+//!
+//! Twins: `crate::renderer::channel`, `Town::draw_lamps`, `crate::rain::Workspace::draw`.
+
+use super::Gpu;
+use super::binding::{Kernel, Slot};
+use super::clock::{Dispatch, Recorder};
+use super::memory::Held;
+use super::rain::{RainGroup, plain};
+use super::shader::{SPOTS_DRAW, SPOTS_PLACE, STREAKS_OVER};
+use super::targets::LIGHT;
+use wgpu::BufferUsages as Use;
+
+/// Most strokes that flash together.
+pub const STROKES: usize = 64;
+/// What has a brightness of its own.
+pub const NO_STROKE: u32 = u32::MAX;
+/// Spots that there is room for at first.
+const FEW: usize = 1024;
+
+plain! {
+    /// `SpotSource` of spots.wgsl.
+    SpotSource { position: [f32; 3], stroke: u32, light: [f32; 3], sigma: f32 }
+}
+plain! {
+    /// `Spot` of spots.wgsl.
+    Spot { pixel: [f32; 2], sigma: f32, reach: f32, light: [f32; 4] }
+}
+plain! {
+    /// `SpotFrame` of spots.wgsl.
+    SpotFrame { counts: [u32; 4], strokes: [[f32; 4]; STROKES] }
+}
+
+/// The passes.
+pub struct SpotPasses {
+    place: Kernel,
+    draw: wgpu::RenderPipeline,
+    over: wgpu::RenderPipeline,
+    place_layout: wgpu::BindGroupLayout,
+    draw_layout: wgpu::BindGroupLayout,
+    layer_layout: wgpu::BindGroupLayout,
+    uniform: Held<wgpu::Buffer>,
+    sources: Held<wgpu::Buffer>,
+    placed: Held<wgpu::Buffer>,
+    groups: [wgpu::BindGroup; 2],
+    layer: Option<wgpu::BindGroup>,
+    count: u32,
+    room: usize,
+}
+
+impl SpotPasses {
+    /// The pipelines; `medium` is the medium's uniform buffer.
+    pub fn new(
+        gpu: &Gpu,
+        [frame, town]: [&wgpu::BindGroupLayout; 2],
+        rain: &RainGroup,
+        medium: &wgpu::Buffer,
+    ) -> Self {
+        let place_layout = gpu.layout("spots", &[Slot::Uniform, Slot::Read, Slot::Write, Slot::Uniform]);
+        let draw_layout = gpu.layout("spots drawn", &[Slot::Read]);
+        let layer_layout = gpu.layout("layer of streaks", &[Slot::Flat]);
+        let module = gpu.module(&SPOTS_PLACE);
+        let groups = [Some(frame), Some(town), Some(&rain.layout), Some(&place_layout)];
+        let place = gpu.kernel(&module, "place_spots", &groups);
+        let one = |src, dst| wgpu::BlendComponent {
+            src_factor: src,
+            dst_factor: dst,
+            operation: wgpu::BlendOperation::Add,
+        };
+        use wgpu::BlendFactor::{One, OneMinusSrcAlpha};
+        let draw = over_picture(
+            gpu,
+            (&gpu.module(&SPOTS_DRAW), ["spot_vertex", "spot_fragment"]),
+            &gpu.pipeline_layout("spots", &[Some(frame), Some(&draw_layout)]),
+            one(One, One),
+        );
+        let over = over_picture(
+            gpu,
+            (&gpu.module(&STREAKS_OVER), ["whole_picture", "lay_streaks"]),
+            &gpu.pipeline_layout("streaks over", &[Some(frame), Some(&layer_layout), Some(&rain.layout)]),
+            one(One, OneMinusSrcAlpha),
+        );
+        let uniform = gpu.uniform::<SpotFrame>("spots");
+        let (sources, placed) = room(gpu, FEW);
+        let own = bound(gpu, [&place_layout, &draw_layout], [&uniform, &sources, &placed, medium]);
+        Self {
+            place,
+            draw,
+            over,
+            place_layout,
+            draw_layout,
+            layer_layout,
+            uniform,
+            sources,
+            placed,
+            groups: own,
+            layer: None,
+            count: 0,
+            room: FEW,
+        }
+    }
+
+    /// The spots of the next frames.
+    pub fn set_sources(&mut self, gpu: &Gpu, sources: &[SpotSource], medium: &wgpu::Buffer) {
+        if sources.len() > self.room {
+            self.room = sources.len().next_power_of_two();
+            (self.sources, self.placed) = room(gpu, self.room);
+            let buffers: [&wgpu::Buffer; 4] = [&self.uniform, &self.sources, &self.placed, medium];
+            self.groups = bound(gpu, [&self.place_layout, &self.draw_layout], buffers);
+        }
+        self.count = sources.len() as u32;
+        gpu.write(&self.sources, sources);
+    }
+
+    /// Brightness of every stroke in the next frame, whether it rains and whether a town may stand before spots.
+    pub fn set_frame(&mut self, gpu: &Gpu, strokes: &[[f32; 3]], rains: bool, has_town: bool) {
+        let mut uniform = SpotFrame::default();
+        uniform.counts = [self.count, u32::from(rains), u32::from(has_town), 0];
+        for (slot, [r, g, b]) in uniform.strokes.iter_mut().zip(strokes) {
+            *slot = [*r, *g, *b, 0.0];
+        }
+        gpu.write(&self.uniform, &[uniform]);
+    }
+
+    /// Binds the layer of streaks.
+    pub fn set_layer(&mut self, gpu: &Gpu, layer: &wgpu::TextureView) {
+        let layer = wgpu::BindingResource::TextureView(layer);
+        self.layer = Some(gpu.group("layer of streaks", &self.layer_layout, &[layer]));
+    }
+
+    /// Places the spots.
+    pub fn place(&self, recorder: &mut Recorder<'_>, [frame, town, rain]: [&wgpu::BindGroup; 3]) {
+        if self.count > 0 {
+            let groups = [frame, town, rain, &self.groups[0]];
+            let size = [self.count.div_ceil(64), 1, 1];
+            recorder.compute("place lights", &[Dispatch { kernel: &self.place, groups: &groups, size }]);
+        }
+    }
+
+    /// Draws spots over `picture`, and streaks over those where `rains`.
+    pub fn draw(
+        &self,
+        recorder: &mut Recorder<'_>,
+        [frame, rain]: [&wgpu::BindGroup; 2],
+        picture: &wgpu::TextureView,
+        rains: bool,
+    ) {
+        let layer = self.layer.as_ref().filter(|_| rains);
+        if self.count == 0 && layer.is_none() {
+            return;
+        }
+        let target = wgpu::RenderPassColorAttachment {
+            view: picture,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
+        };
+        recorder.draw("lights and streaks", &[Some(target)], |pass| {
+            pass.set_bind_group(0, frame, &[]);
+            if self.count > 0 {
+                pass.set_pipeline(&self.draw);
+                pass.set_bind_group(1, &self.groups[1], &[]);
+                pass.draw(0..6, 0..self.count);
+            }
+            if let Some(layer) = layer {
+                pass.set_pipeline(&self.over);
+                pass.set_bind_group(1, layer, &[]);
+                pass.set_bind_group(2, rain, &[]);
+                pass.draw(0..3, 0..1);
+            }
+        });
+    }
+}
+
+fn room(gpu: &Gpu, spots: usize) -> (Held<wgpu::Buffer>, Held<wgpu::Buffer>) {
+    let bytes = |one: usize| (spots * one) as u64;
+    let sources = gpu.buffer("sources of spots", bytes(size_of::<SpotSource>()), Use::STORAGE);
+    (sources, gpu.buffer("spots", bytes(size_of::<Spot>()), Use::STORAGE | Use::COPY_SRC))
+}
+
+fn bound(
+    gpu: &Gpu,
+    [place, draw]: [&wgpu::BindGroupLayout; 2],
+    [uniform, sources, placed, medium]: [&wgpu::Buffer; 4],
+) -> [wgpu::BindGroup; 2] {
+    let all = [uniform, sources, placed, medium].map(wgpu::Buffer::as_entire_binding);
+    [gpu.group("spots", place, &all), gpu.group("spots drawn", draw, &[placed.as_entire_binding()])]
+}
+
+/// A pipeline that blends over a picture.
+fn over_picture(
+    gpu: &Gpu,
+    (module, [vertex, fragment]): (&wgpu::ShaderModule, [&str; 2]),
+    layout: &wgpu::PipelineLayout,
+    blend: wgpu::BlendComponent,
+) -> wgpu::RenderPipeline {
+    let target = wgpu::ColorTargetState {
+        format: LIGHT,
+        blend: Some(wgpu::BlendState { color: blend, alpha: blend }),
+        write_mask: wgpu::ColorWrites::COLOR,
+    };
+    gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(fragment),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some(vertex),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: None,
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(target)],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

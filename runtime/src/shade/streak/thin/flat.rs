@@ -1,0 +1,54 @@
+//! The tables of thin streaks as a graphics card reads them: four products side by side, nothing padded.
+
+use super::{BLOCK, LENGTHS, PHASES, RANK, SHIFTS, Thin, WIDTHS, half_of};
+
+/// Where the tables of a width, and of a length, begin in a pattern's; the same for every pattern.
+#[derive(Clone, Copy, Debug)]
+pub struct TableSizes {
+    /// First packet of the width's tables, and pixels on each side of its middle.
+    pub across: [[u32; 2]; WIDTHS],
+    /// First packet of the length's table, counted from the first of them, and its intervals.
+    pub along: [[u32; 2]; LENGTHS],
+}
+
+impl Thin {
+    /// How large a pattern's tables are.
+    pub fn sizes(&self) -> TableSizes {
+        let mut first = 0;
+        let across = std::array::from_fn(|class| {
+            let half = half_of(class) as u32;
+            let own = [first, half];
+            first += (SHIFTS.len() * (PHASES + 1)) as u32 * 2 * half;
+            own
+        });
+        let mut first = 0;
+        let along = std::array::from_fn(|class| {
+            let count = self.along[class].len() as u32;
+            let own = [first, count - 1];
+            first += count;
+            own
+        });
+        TableSizes { across, along }
+    }
+
+    /// Adds the tables across: by width, shift, node, pixel.
+    pub fn add_across(&self, out: &mut Vec<[f32; RANK]>) {
+        for (at, table) in self.across.iter().enumerate() {
+            let half = half_of(at / SHIFTS.len());
+            for node in 0..=PHASES {
+                let block = |k: usize, pixel: usize| (node * table.blocks + pixel / BLOCK) * table.rank + k;
+                // Products that a narrow width does not show are none.
+                let value = |k: usize, pixel: usize| match k < table.rank {
+                    true => table.values[block(k, pixel)][pixel % BLOCK],
+                    false => 0.0,
+                };
+                out.extend((0..2 * half).map(|pixel| std::array::from_fn(|k| value(k, pixel))));
+            }
+        }
+    }
+
+    /// Adds the tables along: by length, place.
+    pub fn add_along(&self, out: &mut Vec<[f32; RANK]>) {
+        self.along.iter().for_each(|table| out.extend_from_slice(table));
+    }
+}

@@ -1,0 +1,178 @@
+//! The tables of a thin pattern: a few products, their means over a pixel for every width, slant and length.
+
+use super::{
+    Across, BLOCK, LENGTHS, LOW_RANK, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS, blocks_of,
+    class_length, class_width, half_of,
+};
+use crate::shade::streak::profile::Profile;
+use squall_formats::section::streak::Pattern;
+use std::f64::consts::TAU;
+
+/// Samples of the pattern, across and along.
+const SAMPLES: [usize; 2] = [48, 192];
+/// What the last two products may hold of the light's square where they are left out.
+const UNSEEN: f64 = 3e-5;
+
+/// Profiles across and along of a pattern by moments, and their integral.
+pub(super) fn moments(pattern: &Pattern) -> (Vec<Profile>, Vec<Profile>, f64) {
+    let [columns, rows] = SAMPLES;
+    let light = sample(pattern);
+    let mut weight: Vec<f64> = (0..columns)
+        .map(|i| (0..rows).map(|j| light[j * columns + i].abs()).sum::<f64>() / rows as f64)
+        .collect();
+    if weight.iter().all(|&value| value <= 0.0) {
+        weight.fill(1.0);
+    }
+    let polynomials = orthonormal(&weight);
+    let du = 1.0 / columns as f64;
+    let mut along_values = vec![[0.0; RANK]; rows];
+    for (j, out) in along_values.iter_mut().enumerate() {
+        let section = &light[j * columns..][..columns];
+        for (value, polynomial) in out.iter_mut().zip(&polynomials) {
+            *value = section.iter().zip(polynomial).map(|(a, b)| a * b).sum::<f64>() * du;
+        }
+    }
+    // ∫ m P_0 du is P_0⁻¹ by orthonormality, and P_0 is a constant.
+    let total = along_values.iter().map(|values| values[0]).sum::<f64>() / rows as f64 / polynomials[0][0];
+    let across = polynomials.iter().map(|polynomial| {
+        let nodes: Vec<f64> = polynomial.iter().zip(&weight).map(|(p, m)| p * m).collect();
+        Profile::new(|u| between(&nodes, u))
+    });
+    let along = (0..RANK).map(|k| {
+        let nodes: Vec<f64> = along_values.iter().map(|values| values[k]).collect();
+        Profile::new(|v| between(&nodes, v))
+    });
+    (across.collect(), along.collect(), total)
+}
+
+/// The pattern at the middles of a grid of cells, u fastest.
+fn sample(pattern: &Pattern) -> Vec<f64> {
+    let [columns, rows] = SAMPLES;
+    let place = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+    let cells = (0..columns * rows).map(|i| (i % columns, i / columns));
+    let Pattern::Cosines(cosines) = pattern else {
+        return cells.map(|(i, j)| pattern.value(place(i, columns), place(j, rows))).collect();
+    };
+    // A term is a factor per column times a factor per row: no cosine per cell.
+    let unit = |turns: f64| {
+        let (sin, cos) = libm::sincos(TAU * (turns - turns.floor()));
+        [cos, sin]
+    };
+    let mut sums = vec![cosines.constant; columns * rows];
+    for term in &cosines.terms {
+        let across: Vec<[f64; 2]> =
+            (0..columns).map(|i| unit(term.across * place(i, columns) + term.phase / TAU)).collect();
+        for j in 0..rows {
+            let [cos, sin] = unit(term.along * place(j, rows)).map(|part| part * term.amplitude);
+            for (sum, [a, b]) in sums[j * columns..][..columns].iter_mut().zip(&across) {
+                *sum += a * cos - b * sin;
+            }
+        }
+    }
+    cells
+        .zip(sums)
+        .map(|((i, j), sum)| sum * cosines.window.value(place(i, columns), place(j, rows)))
+        .collect()
+}
+
+/// Values at the cells' middles of polynomials of degree 0, 1, … that are orthonormal under `weight`.
+fn orthonormal(weight: &[f64]) -> Vec<Vec<f64>> {
+    let step = 1.0 / weight.len() as f64;
+    let dot = |a: &[f64], b: &[f64]| -> f64 {
+        a.iter().zip(b).zip(weight).map(|((a, b), m)| a * b * m).sum::<f64>() * step
+    };
+    let mut basis: Vec<Vec<f64>> = Vec::with_capacity(RANK);
+    for degree in 0..RANK {
+        let mut next: Vec<f64> = match basis.last() {
+            None => vec![1.0; weight.len()],
+            Some(last) => last.iter().enumerate().map(|(i, p)| p * ((i as f64 + 0.5) * step - 0.5)).collect(),
+        };
+        // Twice, because once leaves round-off behind.
+        for _ in 0..2 {
+            for other in &basis {
+                let share = dot(&next, other);
+                next.iter_mut().zip(other).for_each(|(value, other)| *value -= share * other);
+            }
+        }
+        let norm = libm::sqrt(dot(&next, &next));
+        // Light in fewer columns than degrees leaves nothing for the higher ones to say.
+        let factor = if norm > 1e-9 || degree == 0 { 1.0 / norm.max(1e-12) } else { 0.0 };
+        next.iter_mut().for_each(|value| *value *= factor);
+        basis.push(next);
+    }
+    basis
+}
+
+/// Linear between the middles of cells, constant in the outer half cells.
+fn between(nodes: &[f64], x: f64) -> f64 {
+    let place = (x * nodes.len() as f64 - 0.5).clamp(0.0, (nodes.len() - 1) as f64);
+    let index = (place as usize).min(nodes.len() - 2);
+    nodes[index] + (nodes[index + 1] - nodes[index]) * (place - index as f64)
+}
+
+/// Tables across of every width and shift. `energies` are the squares that the products hold along.
+pub(super) fn tabulate_across(profiles: &[Profile], energies: &[f64]) -> Vec<Across> {
+    let ranks: Vec<usize> = (0..WIDTHS).map(|class| rank_of(profiles, energies, class)).collect();
+    let mut tables = Vec::with_capacity(WIDTHS * SHIFTS.len());
+    for class in 0..WIDTHS {
+        let next = (class + 1).min(WIDTHS - 1);
+        let [own, wider] = [class, next].map(|class| (half_of(class), ranks[class]));
+        for shift in SHIFTS {
+            let table = |(half, rank)| tabulate(profiles, (class_width(class), shift), half, rank);
+            let wider = (wider != own).then(|| table(wider));
+            tables.push(Across { rank: own.1, blocks: blocks_of(own.0), values: table(own), wider });
+        }
+    }
+    tables
+}
+
+/// Products of a width that show.
+fn rank_of(profiles: &[Profile], energies: &[f64], class: usize) -> usize {
+    let values = tabulate(profiles, (class_width(class), SHIFTS[0]), half_of(class), RANK);
+    let mut squares = [0.0; RANK];
+    for (at, block) in values.iter().enumerate() {
+        squares[at % RANK] += block.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>();
+    }
+    let held = |from: usize| {
+        squares.iter().zip(energies).skip(from).map(|(across, along)| across * along).sum::<f64>()
+    };
+    if held(LOW_RANK) <= UNSEEN * held(0) { LOW_RANK } else { RANK }
+}
+
+/// Pixels of a line at every node, of the first products: means over the shadow of a pixel on the line, a box of its own side and one
+/// of what the next lines shift the streak by.
+fn tabulate(profiles: &[Profile], (width, shift): (f64, f64), half: usize, rank: usize) -> Vec<[f32; BLOCK]> {
+    let blocks = blocks_of(half);
+    let mut values = vec![[0.0; BLOCK]; (PHASES + 1) * blocks * rank];
+    for node in 0..=PHASES {
+        for (k, profile) in profiles.iter().enumerate().take(rank) {
+            for pixel in 0..2 * half {
+                let place = node as f64 / PHASES as f64 + pixel as f64 - half as f64 + 0.5 * width;
+                let value = profile.mean_over_pixel(place, width, [1.0, shift]) as f32;
+                values[(node * blocks + pixel / BLOCK) * rank + k][pixel % BLOCK] = value;
+            }
+        }
+    }
+    values
+}
+
+/// Packets along, for every length.
+pub(super) fn tabulate_along(profiles: &[Profile], light: f64) -> Vec<Vec<Packet>> {
+    let table = |class: usize| {
+        let scale = class_length(class);
+        let length = scale + 2.0 * RADIUS_ALONG;
+        let intervals = ((3.0 * length) as usize).clamp(24, 512);
+        let place = |i: usize| length * i as f64 / intervals as f64 - RADIUS_ALONG;
+        let packet = |i: usize| {
+            let mut packet = [0.0; RANK];
+            if i > 0 && i < intervals {
+                for (value, profile) in packet.iter_mut().zip(profiles) {
+                    *value = (light * profile.mean_over_pixel(place(i), scale, [1.0, 0.0])) as f32;
+                }
+            }
+            packet
+        };
+        (0..=intervals).map(packet).collect()
+    };
+    (0..LENGTHS).map(table).collect()
+}
