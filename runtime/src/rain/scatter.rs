@@ -9,7 +9,7 @@
 mod hidden;
 mod lay;
 
-use super::kernel::{Clip, Footprint, Kernel, Ribbon};
+use super::kernel::{Clip, Kernel, Ribbon};
 use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;

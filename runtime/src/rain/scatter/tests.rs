@@ -1,6 +1,7 @@
 use super::*;
 use crate::camera::Projection;
 use crate::depth::DepthKind;
+use crate::rain::kernel::Footprint;
 use crate::rain::{Surroundings, pattern::tests::set};
 use crate::random::Random;
 use glam::DVec3;
