@@ -26,7 +26,7 @@ use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::Sky;
 use crate::shade::town::frame::TownFrame;
-use crate::shade::town::light::Lighting;
+use crate::shade::town::light::{Lighting, StrokeLights};
 use crate::shade::town::line::Images;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
@@ -266,15 +266,20 @@ impl Scene {
     /// The strokes that the frame lets flash, each with its factor.
     pub(super) fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
         let eye = frame.camera.position;
-        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
         let strokes = self.strokes.find(lit.clone())?;
         let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
             let stroke = self.place.stroke(stroke);
-            let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
+            let lights = self.town_lights(&stroke, eye, sky);
             LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
         };
         Ok(lit.zip(strokes).map(lit_by).collect())
+    }
+
+    /// A stroke's light as an eye sees it, [`channel::town_lights`].
+    pub(super) fn town_lights(&self, stroke: &Stroke, eye: DVec3, sky: &Sky) -> StrokeLights {
+        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
+        channel::town_lights(stroke, self.cloud_grid(), eye, &air)
     }
 
     /// Sky and cloud behind the town, clear air in front.
@@ -337,7 +342,7 @@ pub(super) fn cloud_air(sky: &Sky, eye: DVec3, distance: f64) -> [f32; 3] {
 }
 
 /// Composites a cloud over the sky behind it, through the clear air in front of it.
-fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
+pub(super) fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
     if cloud.transmittance == 1.0 {
         return;
     }
