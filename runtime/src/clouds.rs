@@ -22,6 +22,8 @@ mod sky;
 mod solve;
 
 pub use half::f16_bits;
+#[cfg(feature = "gpu")]
+pub(crate) use half::f16_value;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
 

@@ -12,7 +12,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
-use crate::renderer::SkyQuality;
+use crate::shade::adaptive::Spacing;
 use crate::shade::detail::DetailParameters;
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::frame::Quality;
@@ -83,6 +83,19 @@ impl Default for Streaks {
     }
 }
 
+/// Rows of the picture that lengths of streaks are stated for in real time.
+const STATED_ROWS: f64 = 720.0;
+
+impl Streaks {
+    /// The same streaks where a picture has to be drawn in real time: as long beside a picture of so many rows as these are beside one
+    /// of 720. Drops that are drawn grow with the cube of the picture's height otherwise; what is drawn no longer, the medium takes.
+    #[must_use]
+    pub fn for_rows(self, rows: u32) -> Self {
+        let scale = f64::from(rows) / STATED_ROWS;
+        Self { length_px: self.length_px.map(|length| length * scale), ..self }
+    }
+}
+
 /// How finely a picture is worked out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameQuality {
@@ -90,16 +103,20 @@ pub struct FrameQuality {
     pub town: Quality,
     /// Rays of each stroke's direct light.
     pub rays: DirectRays,
-    /// How closely sky and cloud are looked at.
-    pub sky: SkyQuality,
+    /// How closely sky and cloud are looked at, behind the town and in its mirrors.
+    pub sky: Spacing,
 }
 
 impl FrameQuality {
     /// A still picture's.
-    pub const STILL: Self = Self { town: Quality::STILL, rays: DirectRays::STILL, sky: SkyQuality::STILL };
+    pub const STILL: Self =
+        Self { town: Quality::STILL, rays: DirectRays::STILL, sky: Spacing { pixels: 2, tolerance: 0.02 } };
     /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
-    pub const PREVIEW: Self =
-        Self { town: Quality::PREVIEW, rays: DirectRays::PREVIEW, sky: SkyQuality::PREVIEW };
+    pub const PREVIEW: Self = Self {
+        town: Quality::PREVIEW,
+        rays: DirectRays::PREVIEW,
+        sky: Spacing { pixels: 4, tolerance: 0.1 },
+    };
 }
 
 impl Default for FrameQuality {

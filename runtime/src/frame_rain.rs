@@ -11,10 +11,10 @@ use crate::camera::Camera;
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::load::Asset;
-use crate::medium::{Medium, Phase};
+use crate::medium::{Medium, Outlook, Phase};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::{Rain, RainVolume, Scene, Shot, SmoothWindow, Streak, Weather, Workspace};
+use crate::rain::{Rain, RainField, RainVolume, Scene, Shot, SmoothWindow, Streak, Weather, Workspace};
 use crate::shade::streak::StreakSet;
 use crate::world::{InScattering, WorldLight};
 use glam::DVec3;
@@ -153,7 +153,7 @@ pub struct FrameRain {
     patterns: StreakSet,
     workspace: Workspace,
     transmittance: Vec<f32>,
-    in_scattered: Vec<[f32; 3]>,
+    in_scattered: Picture,
     /// The last light, and what drops show of it.
     shown: Option<(WorldLight, InScattering)>,
     /// Of the last frame, for its labels.
@@ -175,7 +175,7 @@ impl FrameRain {
             patterns: StreakSet::new(&patterns),
             workspace: Workspace::new(),
             transmittance: Vec::new(),
-            in_scattered: Vec::new(),
+            in_scattered: Picture { width: 0, height: 0, pixels: Vec::new() },
             shown: None,
             gain: 1.0,
         })
@@ -231,7 +231,7 @@ impl FrameRain {
             _ => self.shown.insert((frame.light.clone(), frame.light.in_scattering(&phase))),
         };
         let light = light.clone();
-        self.medium((&medium, &light), settings.extent, frame, picture);
+        self.medium((&medium, &light), settings.extent, frame, picture)?;
         let (depth, gain) = (frame.depth.clone(), settings.gain);
         if self.patterns.is_empty() {
             let scene = Scene { depth, kernel: &SmoothWindow, light: &light, gain };
@@ -249,47 +249,37 @@ impl FrameRain {
         })
     }
 
-    /// Dims the picture and adds what the medium scatters in.
+    /// Dims the picture and adds what the medium scatters in, which is kept apart too.
+    ///
+    /// Errors: as [`Medium::apply`].
     fn medium(
         &mut self,
         (medium, light): (&Medium, &InScattering),
         extent: Metres,
         frame: &TakenFrame<'_>,
         picture: &mut Picture,
-    ) {
-        let (camera, width) = (frame.camera, picture.width);
-        let (secants, volume) = (camera.secants(), RainVolume::default());
+    ) -> Result<(), RuntimeError> {
+        let volume = RainField::from(RainVolume::default()).with_farthest(Some(extent));
+        let outlook = Outlook { camera: frame.camera, volume, light, depth: frame.depth.clone() };
         self.transmittance.resize(picture.pixels.len(), 1.0);
-        self.in_scattered.resize(picture.pixels.len(), [0.0; 3]);
-        let rows = picture.pixels.par_chunks_mut(width);
-        let rows = rows.zip(self.transmittance.par_chunks_mut(width));
-        let rows = rows.zip(self.in_scattered.par_chunks_mut(width)).enumerate();
-        rows.for_each(|(y, ((pixels, transmittance), scattered))| {
-            for x in 0..width {
-                let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-                let secant = secants.at(px, py);
-                let planar = match &frame.depth {
-                    Some(depth) => depth.known(x, y, || secant),
-                    None => Some(f64::INFINITY),
-                };
-                (transmittance[x], scattered[x]) = (1.0, [0.0; 3]);
-                let Some(planar) = planar else { continue };
-                let planar = planar.min(extent.0 / secant);
-                let ray = camera.ray_with(&secants, px, py);
-                let left = libm::exp(-medium.optical_depth_in(&volume, &ray, planar, secant)) as f32;
-                if left >= 1.0 {
-                    continue;
-                }
-                let source = light.radiance(ray.direction);
-                transmittance[x] = left;
-                scattered[x] = source.map(|light| light * (1.0 - left));
+        // Over a black picture the medium is what it scatters in.
+        (self.in_scattered.width, self.in_scattered.height) = (picture.width, picture.height);
+        self.in_scattered.pixels.clear();
+        self.in_scattered.pixels.resize(picture.pixels.len(), [0.0; 3]);
+        medium.apply(&outlook, &mut self.in_scattered, &mut self.transmittance)?;
+        let rows = picture.pixels.par_chunks_mut(picture.width);
+        let rows = rows.zip(self.transmittance.par_chunks(picture.width));
+        let rows = rows.zip(self.in_scattered.pixels.par_chunks(picture.width));
+        rows.for_each(|((pixels, left), scattered)| {
+            for ((pixel, &left), scattered) in pixels.iter_mut().zip(left).zip(scattered) {
                 for band in 0..3 {
-                    // A hidden sky contributes nothing, even where it is infinitely bright.
-                    let behind = if left > 0.0 { pixels[x][band] * left } else { 0.0 };
-                    pixels[x][band] = behind + scattered[x][band];
+                    // A hidden sky contributes nothing, even where it is infinitely bright; without rain no bit changes.
+                    let behind = if left > 0.0 { pixel[band] * left } else { 0.0 };
+                    pixel[band] = if left < 1.0 { behind + scattered[band] } else { pixel[band] };
                 }
             }
         });
+        Ok(())
     }
 
     /// Coverage α of the last frame's streaks, in [0, 1], row 0 on top.
@@ -304,7 +294,7 @@ impl FrameRain {
 
     /// Light that the medium scattered in, J (1 − F), of the last frame, row 0 on top.
     pub fn in_scattered(&self) -> &[[f32; 3]] {
-        &self.in_scattered
+        &self.in_scattered.pixels
     }
 
     /// The last frame's streaks, in the order in which they were drawn.

@@ -13,6 +13,8 @@
 //! | T, ρ, s | optical depths | – |
 
 pub mod axes;
+#[cfg(feature = "gpu")]
+mod upload;
 
 use crate::airlight::PointBeside;
 use crate::medium::Phase;

@@ -20,6 +20,7 @@
 //! | L      | D + vT, length before projection | m |
 
 pub mod cover;
+pub mod fan;
 pub mod field;
 pub mod kernel;
 mod lattice;
@@ -49,6 +50,7 @@ use std::ops::Range;
 use streak::Lens;
 
 pub use cover::{CoverMap, Covers};
+pub use fan::RainFan;
 pub use field::{RainField, RainPath};
 pub use kernel::{Clip, Footprint, Kernel, Ribbon, Span};
 pub use light::{MainLight, RainLight, Surroundings};
@@ -152,8 +154,10 @@ struct SearchTask {
     found: Vec<Streak>,
 }
 
-/// Layers of a class go to this many tasks, so that eight threads share even the largest class.
-const SLABS: i64 = 8;
+/// Layers of a class go to this many tasks, so that many threads share even the largest class.
+const SLABS: usize = 64;
+/// Tasks that run at a time: what they find is listed before the next ones begin, so that no drop is held twice for long.
+const AT_ONCE: usize = 16;
 /// The most lattice cells and rows that one frame may visit.
 const MOST_CELLS: f64 = 1e8;
 
@@ -225,7 +229,7 @@ impl Rain {
             full: field.fills(camera.position, radius),
             shelter,
         };
-        workspace.plan();
+        workspace.tasks.resize_with(AT_ONCE, SearchTask::default);
         let Workspace { searches, tasks, streaks, .. } = workspace;
         let run = |task: &mut SearchTask| {
             let search = &searches[task.search];
@@ -233,9 +237,14 @@ impl Rain {
                 search.scan_layer(&frame, layer, &mut task.found);
             }
         };
-        tasks.par_iter_mut().for_each(run);
-        for task in tasks.iter() {
-            streaks.extend_from_slice(&task.found);
+        for first in (0..searches.len() * SLABS).step_by(AT_ONCE) {
+            for (at, task) in tasks.iter_mut().enumerate() {
+                task.plan(searches, first + at);
+            }
+            tasks.par_iter_mut().for_each(run);
+            let found: usize = tasks.iter().map(|task| task.found.len()).sum();
+            reserve(streaks, found);
+            tasks.iter().for_each(|task| streaks.extend_from_slice(&task.found));
         }
         Ok(streaks)
     }
@@ -347,21 +356,26 @@ impl Workspace {
             + (self.streaks.capacity() + found) * size_of::<Streak>()
             + self.canvas.bytes()
     }
+}
 
-    /// Divides every class's layers among its tasks; their lists keep the memory of earlier frames.
-    fn plan(&mut self) {
-        let count = self.searches.len() * SLABS as usize;
-        self.tasks.resize_with(count.max(self.tasks.len()), SearchTask::default);
-        for (index, task) in self.tasks.iter_mut().enumerate() {
-            task.found.clear();
-            task.layers = 0..0;
-            if index >= count {
-                continue;
-            }
-            task.search = index / SLABS as usize;
-            let layers = self.searches[task.search].layers();
-            let (slab, total) = (index as i64 % SLABS, layers.end - layers.start);
-            task.layers = layers.start + total * slab / SLABS..layers.start + total * (slab + 1) / SLABS;
+impl SearchTask {
+    /// Sets out on task number `number` of all classes' layers; its list keeps the memory of earlier ones.
+    fn plan(&mut self, searches: &[Search], number: usize) {
+        self.found.clear();
+        self.search = number / SLABS;
+        self.layers = 0..0;
+        if let Some(search) = searches.get(self.search) {
+            let (layers, slabs, slab) = (search.layers(), SLABS as i64, (number % SLABS) as i64);
+            let total = layers.end - layers.start;
+            self.layers = layers.start + total * slab / slabs..layers.start + total * (slab + 1) / slabs;
         }
+    }
+}
+
+/// Makes room for `more` streaks, and for a sixteenth of all of them beyond, where a vector alone would double.
+fn reserve(streaks: &mut Vec<Streak>, more: usize) {
+    let wanted = streaks.len() + more;
+    if wanted > streaks.capacity() {
+        streaks.reserve_exact(wanted + wanted / 16 - streaks.len());
     }
 }

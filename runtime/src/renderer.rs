@@ -1,19 +1,23 @@
 //! Pictures of a storm, from its asset alone: cloud lit by its flashes, sky, town, channel, rain.
 
-mod behind;
+#[cfg(feature = "gpu")]
+mod card;
 mod channel;
 pub(crate) mod draw;
-mod halos;
+pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
 mod rain;
 mod times;
 mod town;
-mod town_rain;
+pub(crate) mod town_rain;
+#[cfg(feature = "gpu")]
+mod weather;
 pub(crate) mod world;
 
-pub use behind::SkyQuality;
+#[cfg(feature = "gpu")]
+pub use card::Backend;
 pub use layers::{Layer, LayerPixels};
 pub use times::{Clock, FrameTimes};
 
@@ -64,6 +68,8 @@ pub struct StormRenderer {
     scene: Scene,
     memory: Memory,
     report: FrameReport,
+    #[cfg(feature = "gpu")]
+    card: Option<card::Card>,
 }
 
 /// The parts of an asset that pictures need. What it lacks is not drawn.
@@ -115,6 +121,28 @@ struct Memory {
     transmittance: Vec<f32>,
     metres: Vec<f32>,
     clock: Option<Clock>,
+}
+
+impl Memory {
+    /// Nothing yet.
+    fn empty() -> Result<Self, RuntimeError> {
+        Ok(Self {
+            clouds: None,
+            picture: Picture::new(1, 1)?,
+            sky: None,
+            detail: None,
+            ambient: light::Ambient::default(),
+            cells: Vec::new(),
+            flash_cells: Vec::new(),
+            surrounding: None,
+            town: town::Kept::default(),
+            spreading: None,
+            rain: Workspace::new(),
+            transmittance: Vec::new(),
+            metres: Vec::new(),
+            clock: None,
+        })
+    }
 }
 
 /// What a picture took.
@@ -187,23 +215,14 @@ impl StormRenderer {
         let patterns = StreakSet::new(&patterns);
         let rain_place = rain_place.measured_from(place.origin);
         let scene = Scene { asset, place, strokes, cloud, rain, rain_place, patterns, town, view };
-        let memory = Memory {
-            clouds,
-            picture: Picture::new(1, 1)?,
-            sky: None,
-            detail: None,
-            ambient: light::Ambient::default(),
-            cells: Vec::new(),
-            flash_cells: Vec::new(),
-            surrounding: None,
-            town: town::Kept::default(),
-            spreading: None,
-            rain: Workspace::new(),
-            transmittance: Vec::new(),
-            metres: Vec::new(),
-            clock: None,
-        };
-        Ok(Self { scene, memory, report: FrameReport::default() })
+        let memory = Memory { clouds, ..Memory::empty()? };
+        Ok(Self {
+            scene,
+            memory,
+            report: FrameReport::default(),
+            #[cfg(feature = "gpu")]
+            card: None,
+        })
     }
 
     /// The asset.
@@ -281,6 +300,10 @@ impl StormRenderer {
     /// baked; a camera outside the view region that the asset was baked for; rain where the asset has none; a damaged row.
     pub fn render(&mut self, frame: &Frame) -> Result<&Picture, RuntimeError> {
         frame.check()?;
+        #[cfg(feature = "gpu")]
+        if self.render_on_card(frame)? {
+            return Ok(&self.memory.picture);
+        }
         self.report = self.scene.draw(frame, &mut self.memory)?;
         Ok(&self.memory.picture)
     }

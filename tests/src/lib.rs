@@ -57,6 +57,8 @@ mod front_door;
 mod golden;
 #[cfg(test)]
 mod golden_rain;
+#[cfg(all(test, feature = "gpu"))]
+mod gpu_device;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]

@@ -20,6 +20,7 @@ use squall_formats::container::{self, OutSection};
 use squall_formats::section::provenance::ProvenanceSection;
 use squall_formats::section::response::ResponseSection;
 use squall_formats::section::streak::StreakSection;
+use squall_runtime::frame::FrameQuality;
 use squall_runtime::{Asset, RuntimeError, StormRenderer, verify};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -34,7 +35,7 @@ pub struct Args {
     /// The asset to write; - is standard output.
     #[arg(short, long, required_unless_present_any = ["check", "dry_run"])]
     out: Option<PathBuf>,
-    /// Draws the recipe's own view from the bytes just written: .png or .exr.
+    /// Draws the recipe's own view from the bytes just written, as `render --quality preview` does: .png or .exr.
     #[arg(long)]
     preview: Option<PathBuf>,
     /// Does nothing where the asset is there and whole, and was made from this recipe and these inputs by this version.
@@ -176,7 +177,7 @@ fn draw(asset: Asset, preview: &PictureFile, bars: &Bars, report: &mut Report) -
     bars.begin("preview", 1);
     let mut renderer = StormRenderer::new(asset)?;
     let Some(frame) = renderer.frame() else { return Ok(()) };
-    renderer.render(&frame)?;
+    renderer.render(&frame.quality(FrameQuality::PREVIEW))?;
     preview.write(renderer.picture(), &renderer.tone())?;
     bars.say(&preview.words(renderer.picture(), &renderer.report(), start.elapsed().as_secs_f64()));
     report.preview = Some(preview.name());

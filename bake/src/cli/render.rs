@@ -1,5 +1,6 @@
 //! `squall render ASSET -o PICTURE`, or of many frames: `--frames A..B --fps F -o NAME.####.png`
 
+mod backend;
 mod flashes;
 mod layers;
 mod sequence;
@@ -12,6 +13,7 @@ use super::json;
 use super::picture::{Format, PictureFile, Sheet, sky_words};
 use super::progress::Bars;
 use super::sky::SkyArgs;
+use backend::{Backend, Choice};
 use flashes::Timeline;
 use sequence::Sequence;
 use serde_json::{Value, json};
@@ -23,13 +25,13 @@ use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
 use squall_formats::section::view::{ViewFlash, ViewSection};
 use squall_formats::units::{MillimetresPerHour, Seconds};
-use squall_runtime::frame::tone_of;
+use squall_runtime::frame::{FrameQuality, tone_of};
 use squall_runtime::picture::Picture;
 use squall_runtime::renderer::{FrameReport, Layer};
 use squall_runtime::tone::Tone;
 use squall_runtime::{Camera, Frame, RuntimeError, StormRenderer};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
 #[derive(clap::Args)]
@@ -66,9 +68,12 @@ pub struct Args {
     stops: f32,
     #[command(flatten)]
     sky: SkyArgs,
-    /// Samples along each side of a pixel of the town.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
-    samples: u32,
+    /// How finely it is worked out.
+    #[arg(long, value_enum, default_value_t = Quality::Still)]
+    quality: Quality,
+    /// Samples along each side of a pixel of the town, in place of the quality's: 2 of a still picture, 1 of a preview.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8))]
+    samples: Option<u32>,
     /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down, and four more at gain 1 where the
     /// view's is another.
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
@@ -100,6 +105,12 @@ pub struct Args {
     /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
     layers: Vec<Layer>,
+    /// What draws: the processor, a graphics card, or a card where one can: docs/gpu.md.
+    #[arg(long, value_enum, default_value_t)]
+    backend: Choice,
+    /// Write what the last picture took: ms a part, adapter, bytes (JSON).
+    #[arg(long, value_name = "REPORT")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     weather: weather::Weather,
     /// Print one JSON object instead of words: docs/json.md.
@@ -107,6 +118,24 @@ pub struct Args {
     json: bool,
     #[command(flatten)]
     common: Common,
+}
+
+/// How finely a picture is worked out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Quality {
+    /// As finely as a picture that is looked at for long.
+    Still,
+    /// One sample a pixel, mirrors at half size, fewer rays of direct light: in a fraction of the time.
+    Preview,
+}
+
+impl From<Quality> for FrameQuality {
+    fn from(quality: Quality) -> Self {
+        match quality {
+            Quality::Still => Self::STILL,
+            Quality::Preview => Self::PREVIEW,
+        }
+    }
 }
 
 impl Args {
@@ -143,7 +172,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         None => Some(PictureFile::prepare(&args.out, args.format)?),
     };
     let inputs = std::iter::once(&args.asset).chain(&args.scene).chain(&args.camera).chain(&args.keys);
-    folder::check_apart(&[&args.out], inputs)?;
+    let results: Vec<&Path> = std::iter::once(&args.out).chain(&args.report).map(PathBuf::as_path).collect();
+    folder::check_apart(&results, inputs)?;
     let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
     let camera = args.camera.as_deref().map(read_camera).transpose()?;
     let camera = camera.map(|(_, camera)| camera);
@@ -154,15 +184,20 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if let Some(camera) = camera {
         frame.camera = camera.resized(view.camera.size_px)?;
     }
-    frame.quality.town.samples = args.samples;
+    frame.quality = args.quality.into();
+    if let Some(samples) = args.samples {
+        frame.quality.town.samples = samples;
+    }
     if let Some(milliseconds) = args.exposure_ms {
         frame.exposure = Seconds(milliseconds * 1e-3);
         frame.check()?;
     }
     let tone = tone_of(&view.tone).brighter(args.stops);
     let bars = args.common.start()?;
+    let asks = (args.report.is_some(), !args.layers.is_empty());
+    let mut backend = Backend::set(args.backend, &mut renderer, asks)?;
     let Some(out) = out else {
-        return draw_frames(&args, &mut renderer, (&frame, &view), &tone, (&bars, start));
+        return draw_frames(&args, (&mut renderer, &mut backend), (&frame, &view), &tone, (&bars, start));
     };
     if args.contact_sheet {
         let mut physical = frame.clone();
@@ -177,7 +212,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         for (row, frame) in rows.iter().enumerate() {
             for (column, rate) in SHEET_RATES.into_iter().enumerate() {
                 let one = frame.clone().rain(MillimetresPerHour(rate));
-                sheet.place(column, row, renderer.render(&one)?);
+                sheet.place(column, row, backend.render(&mut renderer, &one)?);
                 bars.check()?;
                 bars.advance(1);
             }
@@ -187,10 +222,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let sky = sky_words(&renderer.report());
         let said = sky.as_ref().map_or_else(String::new, |words| format!(", {words}"));
         bars.say(&format!("{}: {count} pictures{said}, {seconds:.2} s", out.name()));
+        told(&args, &backend, &renderer, &bars)?;
         return answer(&args, sheet.picture(), (None, count), (&Value::Null, sky, seconds));
     }
     bars.begin("picture", 1);
-    renderer.render(&frame)?;
+    backend.render(&mut renderer, &frame)?;
     if args.layers.is_empty() {
         out.write(renderer.picture(), &tone)?;
     } else {
@@ -198,12 +234,21 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     let (report, seconds) = (renderer.report(), start.elapsed().as_secs_f64());
     bars.say(&out.words(renderer.picture(), &report, seconds));
+    told(&args, &backend, &renderer, &bars)?;
     let heard = view.flashes.iter().map(|flash| {
         let thunder = flashes::thunder(&renderer, &flash.stroke, frame.camera.position)?;
         Ok(json!({ "stroke": flash.stroke, "span_s": null, "return_strokes": [], "thunder": thunder }))
     });
     let heard = heard.collect::<Result<Vec<_>, RuntimeError>>()?;
     answer(&args, renderer.picture(), (Some(&report), 1), (&heard.into(), sky_words(&report), seconds))
+}
+
+/// Says who drew, where that is not who was asked, and writes what the last picture took.
+fn told(args: &Args, backend: &Backend, renderer: &StormRenderer, bars: &Bars) -> anyhow::Result<()> {
+    if let Some(words) = backend.words() {
+        bars.say(&words);
+    }
+    args.report.as_deref().map_or(Ok(()), |path| backend.report(path, renderer))
 }
 
 /// Writes one picture's layers. Errors: a name that does not end in .exr; as [`Output::write`].
@@ -219,7 +264,7 @@ fn write_layers(args: &Args, renderer: &StormRenderer, frame: &Frame) -> anyhow:
 /// Draws the frames of a sequence.
 fn draw_frames(
     args: &Args,
-    renderer: &mut StormRenderer,
+    (renderer, backend): (&mut StormRenderer, &mut Backend),
     (frame, view): (&Frame, &ViewSection),
     tone: &Tone,
     (bars, start): (&Bars, std::time::Instant),
@@ -237,7 +282,7 @@ fn draw_frames(
         json::usage("--resume keeps frames that are files of their own, and an animated picture is one file");
     }
     let sequence = Sequence { range, fps, animated, resume: args.resume, out: &args.out, layers };
-    let made = sequence.run(renderer, frame, (&timeline, tone), bars)?;
+    let made = sequence.run((renderer, backend), frame, (&timeline, tone), bars)?;
     let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
     let kept = if made.kept > 0 { format!(" ({} kept)", made.kept) } else { String::new() };
     bars.say(&format!(
@@ -245,6 +290,7 @@ fn draw_frames(
         args.out.display(),
         made.streaks
     ));
+    told(args, backend, renderer, bars)?;
     if !args.json {
         return Ok(());
     }

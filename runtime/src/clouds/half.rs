@@ -19,6 +19,16 @@ pub fn f16_bits(value: f32) -> u16 {
     sign | ((size + 0x0FFF + odd - (112 << 23)) >> 13) as u16
 }
 
+/// The number that bits of IEEE binary16 are.
+#[cfg(feature = "gpu")]
+pub(crate) fn f16_value(bits: u16) -> f32 {
+    let size = u32::from(bits & 0x7FFF);
+    // Numbers below 2^-14 lie as if their exponent were that of single precision's; one product moves it.
+    let value = f32::from_bits(size << 13) * f32::from_bits((254 - 15) << 23);
+    let value = if size >= 0x7C00 { f32::from_bits(size << 13 | 0x7F80_0000) } else { value };
+    if bits >> 15 == 1 { -value } else { value }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

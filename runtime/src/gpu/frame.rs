@@ -216,6 +216,52 @@ mod tests {
         );
     }
 
+    #[test]
+    fn uniforms_of_sky_and_surroundings_lie_as_the_shaders_have_them() {
+        use crate::gpu::around::{Around, Blur, Window};
+        use crate::gpu::light::Tints;
+        use crate::gpu::shader::{AROUND, LOOK, MARCH};
+        use crate::shade::sky::card::SkyUniform as Sky;
+        assert_layout!(
+            MARCH,
+            Sky {
+                sun,
+                overcast,
+                grey,
+                high_cloud,
+                ground,
+                seed,
+                mean,
+                level,
+                upper,
+                cosine_low,
+                lower,
+                cosine_scale,
+                air_cloud,
+                disc_low,
+                air_town,
+                disc_scale,
+                air_high,
+                has_disc,
+                irradiance,
+                half_angle,
+                sun_pixel,
+                pad,
+                high,
+                disc,
+                harmonics,
+            }
+        );
+        assert_layout!(MARCH, Tints { strokes, quiet, pad0, pad1, pad2 });
+        assert_layout!(LOOK, Window { heading, half_width, bottom, top, columns, rows, pad0, pad1 });
+        assert_eq!(
+            crate::gpu::shader::tests::layout_of(&LOOK, "Windows").size as usize,
+            2 * size_of::<Window>()
+        );
+        assert_layout!(AROUND, Around { mean, sun_open, glow_centre, glow_radius, glow_radiance, pad0 });
+        assert_layout!(AROUND, Blur { moments });
+    }
+
     fn cameras() -> [Camera; 2] {
         let camera = |projection| {
             let mut camera = Camera::new(

@@ -9,8 +9,6 @@ struct RainLight {
     flash: vec4f,
     medium_flash_towards: vec4f,
     medium_flash: vec4f,
-    // Mean radiance around; in w what a streak's light is multiplied by on its way into half precision.
-    around: vec4f,
     // Asymmetry and factor of the drops' function, then the medium's, then that of rain of which nothing is drawn.
     phases: array<vec4f, 3>,
 }
@@ -19,11 +17,33 @@ struct RainLight {
 const MAP_STEPS: i32 = 160;
 const PHASE_BINS: f32 = 360.0;
 
+// What the card itself found around the eye. (gpu/around.wgsl)
+struct Around {
+    mean: vec3f,
+    sun_open: f32,
+    glow_centre: vec3f,
+    glow_radius: f32,
+    glow_radiance: vec3f,
+    pad0: f32,
+}
+
 @group(2) @binding(3) var<uniform> light: RainLight;
 // One map under the other: drops', medium's, undrawn rain's.
 @group(2) @binding(4) var shown_map: texture_2d<f32>;
 // Values in 1/sr by half degrees; a row a function; used where a phase's factor is 0.
 @group(2) @binding(5) var phase_table: texture_2d<f32>;
+@group(2) @binding(8) var<uniform> around: Around;
+
+// Irradiance of the sun behind the storm's cloud.
+fn sun_light() -> vec3f {
+    return light.sun.xyz * around.sun_open;
+}
+
+// What a streak's light is multiplied by on its way into half precision: about one over what drops show.
+fn streak_unit() -> f32 {
+    let beams = sun_light() + light.flash.xyz;
+    return 1.0 / max(0.3 * (around.mean.x + around.mean.y + around.mean.z + 0.3 * (beams.x + beams.y + beams.z)), 1e-20);
+}
 
 // The part that comes from everywhere, without beams.
 fn shown_diffuse(which: i32, d: vec3f) -> vec3f {
@@ -56,7 +76,7 @@ fn phase_values(which: i32, cosine: f32) -> vec3f {
 fn shown_radiance(which: i32, d: vec3f) -> vec3f {
     var sum = shown_diffuse(which, d);
     if any(light.sun.xyz > vec3f(0.0)) {
-        sum += light.sun.xyz * phase_values(which, dot(d, light.sun_towards.xyz));
+        sum += sun_light() * phase_values(which, dot(d, light.sun_towards.xyz));
     }
     let own = which == 1;
     let flash = select(light.flash.xyz, light.medium_flash.xyz, own);

@@ -456,7 +456,10 @@ impl CloudLights {
     }
 
     /// Puts on record what [`CloudLights::set`] found to be made anew.
-    pub fn record(&mut self, recorder: &mut Recorder<'_>) {
+    ///
+    /// Says whether there was anything.
+    pub fn record(&mut self, recorder: &mut Recorder<'_>) -> bool {
+        let is_new = self.quiet_is_new || self.strokes_are_new;
         let sums = || self.sky.iter().chain(self.channels.iter().map(|channel| &channel.sum));
         if sums().any(|sum| sum.is_new) {
             recorder.pass("rows", |pass| {
@@ -492,6 +495,7 @@ impl CloudLights {
         sums.for_each(|sum| (sum.is_new, sum.is_turned) = (false, false));
         self.channels.iter_mut().for_each(|channel| channel.is_followed = false);
         (self.quiet_is_new, self.strokes_are_new) = (false, false);
+        is_new
     }
 }
 
@@ -526,9 +530,10 @@ fn layers_of(cloud: &crate::transport::Cloud, sky: &Sky, from: Place, unit: f32)
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::assert_layout;
+    use crate::clouds::f16_value as half;
     use crate::gpu::clock::Clock;
     use crate::gpu::readback::Readback;
     use crate::gpu::test_gpu;
@@ -546,13 +551,6 @@ mod tests {
     const HALF: f64 = 1e-3;
     /// What the codec leaves below zero is cut off a stroke at a time here, and of all strokes of one colour in sum there.
     const CUT: f64 = 1e-2;
-
-    fn half(bits: u16) -> f32 {
-        let (sign, exponent, rest) = (bits >> 15, i32::from(bits >> 10 & 31), f32::from(bits & 1023));
-        let size =
-            if exponent == 0 { libm::ldexpf(rest, -24) } else { libm::ldexpf(1024.0 + rest, exponent - 25) };
-        if sign == 1 { -size } else { size }
-    }
 
     /// The light of every cell as the volumes hold it.
     fn cells(gpu: &Gpu, lights: &mut CloudLights) -> Vec<Vec3> {

@@ -11,7 +11,9 @@ use super::shader::MEDIUM;
 use super::targets::{LIGHT, METRES};
 use crate::airlight::Airlight;
 use crate::error::RuntimeError;
-use crate::medium::Medium;
+use crate::medium::{Medium, Phase};
+use crate::point_spread::PointSpread;
+use crate::renderer::halos::Spreading;
 
 /// Most shells of drawn drops.
 pub const SHELLS: usize = 256;
@@ -24,7 +26,16 @@ plain! {
 }
 plain! {
     /// `HaloLight` of medium.wgsl.
-    HaloLight { start: [f32; 3], radius: f32, end: [f32; 3], is_line: f32, intensity: [f32; 4] }
+    HaloLight {
+        start: [f32; 3],
+        radius: f32,
+        end: [f32; 3],
+        shape: f32,
+        intensity: [f32; 3],
+        extinction: f32,
+        most: [f32; 2],
+        pad0: [f32; 2],
+    }
 }
 
 /// The pass.
@@ -33,9 +44,10 @@ pub struct MediumPass {
     own_layout: wgpu::BindGroupLayout,
     target_layout: wgpu::BindGroupLayout,
     pub uniform: Held<wgpu::Buffer>,
-    airlight: Image,
-    /// The function that the table was made for.
-    table: Option<Airlight>,
+    /// What is scattered once; the source of what is scattered more often, and what is seen of that.
+    tables: [Image; 3],
+    /// The function that they were made for.
+    phase: Option<Phase>,
     halos: Held<wgpu::Buffer>,
     own: wgpu::BindGroup,
     targets: Option<wgpu::BindGroup>,
@@ -47,28 +59,32 @@ pub struct MediumPass {
 impl MediumPass {
     /// The pipeline.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, rain: &RainGroup) -> Self {
-        let own_layout = gpu.layout("medium", &[Slot::Uniform, Slot::Exact, Slot::Read]);
+        let own_layout =
+            gpu.layout("medium", &[Slot::Uniform, Slot::Exact, Slot::Read, Slot::Exact, Slot::Exact]);
         let target_layout = gpu
             .layout("medium's pictures", &[Slot::Flat, Slot::Exact, Slot::Store(LIGHT), Slot::Store(METRES)]);
         let module = gpu.module(&MEDIUM);
         let groups = [Some(frame), Some(&own_layout), Some(&rain.layout), Some(&target_layout)];
         let kernel = gpu.kernel(&module, "apply_medium", &groups);
         let uniform = gpu.uniform::<MediumFrame>("medium");
-        let airlight = gpu.target("airlight", Airlight::SIZE, wgpu::TextureFormat::Rgba32Float);
+        let exact = wgpu::TextureFormat::Rgba32Float;
+        let [source, seen] = PointSpread::SIZES;
+        let tables = [("airlight", Airlight::SIZE), ("scattered light", source), ("seen of it", seen)];
+        let tables = tables.map(|(name, size)| gpu.target(name, size, exact));
         let halos = gpu.storage("halos", &[HaloLight::default(); FEW_HALOS]);
-        let own = own_group(gpu, &own_layout, &uniform, &airlight, &halos);
-        let (table, targets, left, size) = (None, None, None, [0; 2]);
-        Self { kernel, own_layout, target_layout, uniform, airlight, table, halos, own, targets, left, size }
+        let own = own_group(gpu, &own_layout, &uniform, &tables, &halos);
+        let (phase, targets, left, size) = (None, None, None, [0; 2]);
+        Self { kernel, own_layout, target_layout, uniform, tables, phase, halos, own, targets, left, size }
     }
 
-    /// The medium of the next frame, dry without one, and the lights with halos in it.
+    /// The medium of the next frame, dry without one; lights with halos in it, and how it spreads their light.
     ///
     /// Errors: more shells of drawn drops than a uniform buffer holds.
     pub fn set(
         &mut self,
         gpu: &Gpu,
         medium: Option<&Medium>,
-        lights: &[HaloLight],
+        (lights, spreading): (&[HaloLight], Option<&Spreading>),
     ) -> Result<(), RuntimeError> {
         let mut uniform = Box::<MediumFrame>::default();
         let Some(medium) = medium else {
@@ -81,21 +97,22 @@ impl MediumPass {
             return Err(RuntimeError::argument("rain", wanted, count));
         }
         uniform.shells.iter_mut().zip(medium.shells()).for_each(|(slot, shell)| *slot = shell);
-        if !lights.is_empty() && self.table.as_ref().is_none_or(|table| table.phase() != medium.phase()) {
-            let table = Airlight::new(medium.phase());
-            gpu.fill(&self.airlight, &table.texels());
-            self.table = Some(table);
+        if let Some(spreading) = spreading
+            && self.phase.as_ref() != Some(medium.phase())
+        {
+            let texels = spreading.texels();
+            self.tables.iter().zip(&texels).for_each(|(table, texels)| gpu.fill(table, texels));
+            self.phase = Some(medium.phase().clone());
         }
         let farthest = medium.shells().map(|shell| shell[2]).fold(0.0, f32::max);
-        let most = self.table.as_ref().map_or(0.0, Airlight::most);
-        uniform.medium = [medium.extinction().0 as f32, farthest, 0.0, most as f32];
+        uniform.medium = [medium.extinction().0 as f32, farthest, 0.0, 0.0];
         uniform.counts = [count as u32, lights.len() as u32, 1, 0];
         gpu.write(&self.uniform, &[*uniform]);
         if (lights.len() * size_of::<HaloLight>()) as u64 > self.halos.size() {
             let mut room = lights.to_vec();
             room.resize(lights.len().next_power_of_two(), HaloLight::default());
             self.halos = gpu.storage("halos", &room);
-            self.own = own_group(gpu, &self.own_layout, &self.uniform, &self.airlight, &self.halos);
+            self.own = own_group(gpu, &self.own_layout, &self.uniform, &self.tables, &self.halos);
         } else {
             gpu.write(&self.halos, lights);
         }
@@ -132,11 +149,18 @@ fn own_group(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
     uniform: &wgpu::Buffer,
-    airlight: &Image,
+    [once, source, seen]: &[Image; 3],
     halos: &wgpu::Buffer,
 ) -> wgpu::BindGroup {
-    let table = wgpu::BindingResource::TextureView(&airlight.view);
-    gpu.group("medium", layout, &[uniform.as_entire_binding(), table, halos.as_entire_binding()])
+    use wgpu::BindingResource::TextureView;
+    let resources = [
+        uniform.as_entire_binding(),
+        TextureView(&once.view),
+        halos.as_entire_binding(),
+        TextureView(&source.view),
+        TextureView(&seen.view),
+    ];
+    gpu.group("medium", layout, &resources)
 }
 
 #[cfg(test)]

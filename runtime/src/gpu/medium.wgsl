@@ -9,18 +9,41 @@ const BEHIND: f32 = 0.541;
 const LEAST: f32 = 1e-4;
 
 struct HaloLight {
-    // Both ends are one place where it is a point; the radius of its glass, or half the line's length.
+    // Both ends are one place where it is a point.
     start: vec3f,
+    // Of a lamp's glass or of the part of a stroke that a ball stands for; half a line's length.
     radius: f32,
     end: vec3f,
-    is_line: f32,
-    intensity: vec4f,
+    // LAMP, LINE or BALL.
+    shape: f32,
+    intensity: vec3f,
+    // Of the rain before it, 1/m.
+    extinction: f32,
+    // What no ray sees more of: once scattered, times its distance from the ray; scattered more often.
+    most: vec2f,
+    pad0: vec2f,
 }
+
+const LAMP: f32 = 0.0;
+const LINE: f32 = 1.0;
+const BALL: f32 = 2.0;
+// `point_spread::axes`.
+const RADII: i32 = 56;
+const ANGLES: i32 = 33;
+const SEEN: i32 = 41;
+const NEAREST: f32 = 0.004;
+const SPREAD_FARTHEST: f32 = 16.0;
+const NARROW: f32 = 0.01;
+const SHORT: f32 = 0.1;
+const SHORT_PANELS: i32 = 3;
 
 @group(1) @binding(0) var<uniform> medium: MediumFrame;
 // F by thickness along x and by place along y.
 @group(1) @binding(1) var airlight: texture_2d<f32>;
 @group(1) @binding(2) var<storage, read> halos: array<HaloLight>;
+// ln f of light that is scattered more than once, and ln M of what is seen of it, by angle along x and depth along y.
+@group(1) @binding(3) var spread_source: texture_2d<f32>;
+@group(1) @binding(4) var spread_seen: texture_2d<f32>;
 
 @group(3) @binding(0) var picture: texture_2d<f32>;
 @group(3) @binding(1) var distances: texture_2d<f32>;
@@ -109,8 +132,7 @@ fn halo_place(t: f32, h: f32) -> f32 {
     return sqrt(0.5 * (rest + h) / (r + h));
 }
 
-fn halo_of_point(beside: Beside) -> vec3f {
-    let extinction = medium.medium.x;
+fn halo_of_point(beside: Beside, extinction: f32) -> vec3f {
     let thickness = extinction * beside.h;
     if thickness >= THICKEST || beside.end <= 0.0 || extinction <= 0.0 || -extinction * beside.foot > 80.0 {
         return vec3f(0.0);
@@ -128,26 +150,116 @@ fn halo_of_line(which: HaloLight, origin: vec3f, way: vec3f, end: f32) -> vec3f 
     var sum = vec3f(0.0);
     for (var i = 0; i < i32(count); i++) {
         let place = mix(which.start, which.end, (f32(i) + 0.5) / count);
-        sum += halo_of_point(point_beside(place, origin, way, end, 0.5 * size / count));
+        sum += halo_of_point(point_beside(place, origin, way, end, 0.5 * size / count), which.extinction);
     }
     return sum / count;
 }
 
-fn halo_radiance(origin: vec3f, way: vec3f, end: f32, behind: vec3f) -> vec3f {
+// ---- Light that drops scattered twice and more (point_spread.rs)
+
+fn depth_place(depth: f32) -> f32 {
+    return log(depth) + 0.5 * depth;
+}
+
+fn spread_row(depth: f32) -> f32 {
+    let step = (depth_place(SPREAD_FARTHEST) - depth_place(NEAREST)) / f32(RADII);
+    return clamp((depth_place(max(depth, 1e-9)) - depth_place(NEAREST)) / step - 0.5, 0.0, f32(RADII - 1));
+}
+
+fn spread_at(table: texture_2d<f32>, depth: f32, half_sine: f32) -> vec3f {
+    if depth >= SPREAD_FARTHEST {
+        return vec3f(0.0);
+    }
+    let columns = i32(textureDimensions(table).x);
+    let share = log(1.0 + clamp(half_sine, 0.0, 1.0) / NARROW) / log(1.0 + 1.0 / NARROW);
+    let place = vec2f(share * f32(columns - 1), spread_row(depth));
+    let low = min(vec2i(place), vec2i(columns - 2, RADII - 2));
+    let f = place - vec2f(low);
+    let a = mix(textureLoad(table, low, 0).xyz, textureLoad(table, low + vec2i(1, 0), 0).xyz, f.x);
+    let b = mix(textureLoad(table, low + vec2i(0, 1), 0).xyz, textureLoad(table, low + vec2i(1, 1), 0).xyz, f.x);
+    return exp(mix(a, b, f.y));
+}
+
+fn arsinh(x: f32) -> f32 {
+    return select(-log(-x + sqrt(x * x + 1.0)), log(x + sqrt(x * x + 1.0)), x >= 0.0);
+}
+
+fn spread_by_rule(beside: Beside, extinction: f32) -> vec3f {
+    let thickness = extinction * beside.h;
+    if thickness >= SPREAD_FARTHEST {
+        return vec3f(0.0);
+    }
+    let last = sqrt(SPREAD_FARTHEST * SPREAD_FARTHEST - thickness * thickness) / extinction;
+    let start = arsinh(max(-beside.foot, -last) / beside.h);
+    let end = arsinh(min(beside.end - beside.foot, last) / beside.h);
+    if start >= end {
+        return vec3f(0.0);
+    }
+    let size = (end - start) / f32(SHORT_PANELS);
+    var sum = vec3f(0.0);
+    for (var panel = 0; panel < SHORT_PANELS; panel++) {
+        let middle = start + size * (f32(panel) + 0.5);
+        for (var i = -1; i <= 1; i++) {
+            let grown = exp(middle + 0.5 * f32(i) * size * 0.7745966692);
+            let sinh_at = 0.5 * (grown - 1.0 / grown);
+            let cosh_at = 0.5 * (grown + 1.0 / grown);
+            let sine = sqrt(grown * grown / (1.0 + grown * grown));
+            let left = size * select(5.0, 8.0, i == 0) / 18.0 * exp(-extinction * beside.foot - thickness * sinh_at);
+            sum += left * spread_at(spread_source, thickness * cosh_at, sine);
+        }
+    }
+    return sum;
+}
+
+// Distance of a point and the sine of half the angle to it.
+fn seen_from(h: f32, foot: f32) -> vec2f {
+    let metres = sqrt(h * h + foot * foot);
+    let less = select(metres - foot, h * h / (metres + foot), foot > 0.0);
+    return vec2f(metres, sqrt(0.5 * less / metres));
+}
+
+fn spread_of_point(beside: Beside, extinction: f32) -> vec3f {
+    if extinction <= 0.0 || beside.end <= 0.0 {
+        return vec3f(0.0);
+    }
+    let squared = extinction * extinction;
+    if extinction * beside.end < SHORT {
+        return spread_by_rule(beside, extinction) * squared;
+    }
+    let near = seen_from(beside.h, beside.foot);
+    let whole = spread_at(spread_seen, extinction * near.x, near.y);
+    let left = exp(-min(extinction * beside.end, 200.0));
+    if left < 1e-37 {
+        return whole * squared;
+    }
+    let far = seen_from(beside.h, beside.foot - beside.end);
+    return max(whole - left * spread_at(spread_seen, extinction * far.x, far.y), vec3f(0.0)) * squared;
+}
+
+fn halo_radiance(origin: vec3f, way: vec3f, wanted_end: f32, behind: vec3f) -> vec3f {
     let least = LEAST * (behind.x + behind.y + behind.z);
-    let most = medium.medium.w * medium.medium.x;
+    // Rain that thins out counts as rain that ends sooner.
+    var end = wanted_end;
+    if !field_is_everywhere() {
+        end = field_path(origin, way, 0.0, wanted_end);
+    }
     var sum = vec3f(0.0);
     for (var i = 0u; i < medium.counts.y; i++) {
         let which = halos[i];
-        let middle = point_beside(0.5 * (which.start + which.end), origin, way, end, which.radius);
-        let bright = which.intensity.x + which.intensity.y + which.intensity.z;
-        if most / middle.h * bright < least {
+        let beside = point_beside(0.5 * (which.start + which.end), origin, way, end, which.radius);
+        let once = which.most.x / beside.h;
+        if once + which.most.y < least {
             continue;
         }
-        if which.is_line > 0.0 {
-            sum += which.intensity.xyz * halo_of_line(which, origin, way, end);
-        } else {
-            sum += which.intensity.xyz * halo_of_point(middle);
+        if once >= 0.5 * least && which.shape != BALL {
+            if which.shape == LINE {
+                sum += which.intensity * halo_of_line(which, origin, way, end);
+            } else {
+                sum += which.intensity * halo_of_point(beside, which.extinction);
+            }
+        }
+        if which.most.y >= 0.5 * least && which.shape != LINE {
+            sum += which.intensity * spread_of_point(beside, which.extinction);
         }
     }
     return sum;

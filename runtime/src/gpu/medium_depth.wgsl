@@ -3,7 +3,7 @@
 const SHELLS: u32 = 256u;
 
 struct MediumFrame {
-    // Extinction, the largest depth of any shell, halos; F of a whole line in a medium of no thickness.
+    // Extinction, the largest depth of any shell.
     medium: vec4f,
     // Shells; lights with halos; whether it rains.
     counts: vec4u,

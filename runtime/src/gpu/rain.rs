@@ -49,7 +49,6 @@ plain! {
         flash: [f32; 4],
         medium_flash_towards: [f32; 4],
         medium_flash: [f32; 4],
-        around: [f32; 4],
         phases: [[f32; 4]; 3],
     }
 }
@@ -147,6 +146,7 @@ pub struct RainGroup {
     map: Image,
     /// The texels of the map that is on the card: where they are, and how many.
     map_at: (usize, usize),
+    told: wgpu::Buffer,
 }
 
 /// Phase functions that rain shows the world by: drops', medium's, undrawn rain's.
@@ -157,7 +157,7 @@ const PHASE_BINS: u32 = 360;
 pub const SHOWN_SIDE: u32 = 161;
 
 /// Slots of group 2.
-const SLOTS: [Slot; 8] = [
+const SLOTS: [Slot; 9] = [
     Slot::Uniform,
     Slot::Uniform,
     Slot::Exact,
@@ -166,11 +166,13 @@ const SLOTS: [Slot; 8] = [
     Slot::Exact,
     Slot::Uniform,
     Slot::Read,
+    Slot::Uniform,
 ];
 
 impl RainGroup {
-    /// Of an asset's patterns, without weather yet.
-    pub fn new(gpu: &Gpu, tables: &StreakTables) -> Self {
+    /// Of an asset's patterns, without weather yet; `told` is what the card finds around the eye, an
+    /// [`super::around::Around`].
+    pub fn new(gpu: &Gpu, tables: &StreakTables, told: &wgpu::Buffer) -> Self {
         let exact = wgpu::TextureFormat::Rgba32Float;
         let mut sizes = TableUniform::default();
         if let Some(own) = &tables.sizes {
@@ -190,6 +192,7 @@ impl RainGroup {
             sizes: gpu.uniform::<TableUniform>("sizes of tables"),
             map: gpu.target("map of rain", [2, 2], wgpu::TextureFormat::R32Float),
             map_at: (0, 0),
+            told: told.clone(),
         };
         gpu.write(&group.sizes, &[sizes]);
         group.bind(gpu);
@@ -211,6 +214,7 @@ impl RainGroup {
                 wgpu::BindingResource::TextureView(&phases),
                 self.sizes.as_entire_binding(),
                 self.heads.as_entire_binding(),
+                self.told.as_entire_binding(),
             ],
         );
     }

@@ -69,8 +69,8 @@ fn drop_light(way: vec3f, place: vec3f) -> DropLight {
     var towards = vec3f(0.0);
     let has_flash = any(light.flash.xyz > vec3f(0.0));
     // The flash's beam is the last, and where two are alike the later one counts.
-    if any(light.sun.xyz > vec3f(0.0)) {
-        best = mean3(light.sun.xyz);
+    if any(sun_light() > vec3f(0.0)) {
+        best = mean3(sun_light());
         towards = light.sun_towards.xyz;
     }
     if has_flash {
@@ -94,7 +94,7 @@ fn drop_light(way: vec3f, place: vec3f) -> DropLight {
     if best < 0.0 {
         return DropLight(radiance, 0.0, 90.0);
     }
-    let share = best / max(best + PI * max(mean3(light.around.xyz), 0.0), 1e-30);
+    let share = best / max(best + PI * max(mean3(around.mean), 0.0), 1e-30);
     return DropLight(radiance, share, degrees(acos(clamp(dot(towards, way), -1.0, 1.0))));
 }
 

@@ -63,6 +63,14 @@ impl Readback {
         encoder.copy_buffer_to_buffer(from, 0, buffer, 0, bytes);
     }
 
+    /// Waits for the frame and shows its copy, and how many bytes apart its rows begin.
+    ///
+    /// Errors: the device is lost.
+    pub fn show(&mut self, look: impl FnOnce(&[u8], usize)) -> Result<(), RuntimeError> {
+        let Some(buffer) = &self.buffer else { return Ok(()) };
+        map(&self.gpu, buffer, self.bytes, |bytes| look(bytes, self.rows.0))
+    }
+
     /// Waits for the frame and shows its copy, row by row.
     ///
     /// Errors: the device is lost.

@@ -10,6 +10,21 @@ pub struct Shader {
 impl Shader {
     /// The whole text.
     pub fn source(&self) -> String {
+        if let Ok(dir) = std::env::var("ZZ_WGSL") {
+            let files: Vec<String> = std::fs::read_dir(dir)
+                .unwrap()
+                .filter(|f| f.as_ref().unwrap().path().extension().is_some_and(|e| e == "wgsl"))
+                .map(|f| std::fs::read_to_string(f.unwrap().path()).unwrap())
+                .collect();
+            return self
+                .parts
+                .iter()
+                .map(|part| {
+                    let first = part.lines().next().unwrap();
+                    files.iter().find(|f| f.lines().next().unwrap() == first).unwrap().clone()
+                })
+                .collect();
+        }
         self.parts.concat()
     }
 }
@@ -29,6 +44,11 @@ const SPOTS: &str = include_str!("spots.wgsl");
 const DOUBLED: &str = include_str!("doubled.wgsl");
 /// Rays against the town: group 1.
 const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+/// What it is made of; how it is looked at and lit; light between nodes.
+const TOWN_SURFACE: &str = include_str!("town_surface.wgsl");
+const TOWN_VIEW: &str = include_str!("town_view.wgsl");
+const TOWN_LIGHT: &str = include_str!("town_light.wgsl");
+const TOWN_MIX: &str = include_str!("town_mix.wgsl");
 /// The cloud's grid, in group 1.
 const CLOUD: &str = include_str!("cloud.wgsl");
 
@@ -69,6 +89,16 @@ shaders! {
     BLOOM = "bloom" [DOUBLED];
     /// The display's picture.
     TONE = "tone" [COMMON, DOUBLED];
+    /// What every pixel's middle sees of the town.
+    TOWN_LOOK = "town_look" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
+    /// What it is made of.
+    TOWN_MADE = "town_made" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
+    /// Light at nodes.
+    TOWN_NODES = "town_nodes" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT];
+    /// Pixels between them.
+    TOWN_PIXELS = "town_pixels" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_MIX];
+    /// All other pixels.
+    TOWN_REST = "town_rest" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT, TOWN_MIX];
     /// Sums of rows.
     ROWS = "rows" [];
     /// Sums of rows back to light per cell.

@@ -18,6 +18,6 @@ fn lay_streaks(@builtin(position) place: vec4f) -> @location(0) vec4f {
         discard;
     }
     let cover = 1.0 - exp(-added.w / COVER_UNIT);
-    let light_shown = min(added.xyz, vec3f(65504.0)) / added.w * (COVER_UNIT / LIGHT_UNIT / light.around.w);
+    let light_shown = min(added.xyz, vec3f(65504.0)) / added.w * (COVER_UNIT / LIGHT_UNIT / streak_unit());
     return vec4f(stored(light_shown) * cover, cover);
 }

@@ -1,5 +1,11 @@
 //! Lightning channels: as lines of light in the picture, and as points that light the town and stand in its water.
 
+#[cfg(feature = "gpu")]
+mod spots;
+
+#[cfg(feature = "gpu")]
+pub use spots::spots;
+
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use crate::camera::{Camera, Projection};
 use crate::math::exp_neg;

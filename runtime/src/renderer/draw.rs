@@ -9,7 +9,6 @@
 //!    ([`super::channel`]).
 //! 5. The rain's streaks ([`super::rain`]).
 
-use super::behind::{self, SkyQuality};
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::times::Watch;
 use super::town_rain::TownRain;
@@ -21,12 +20,13 @@ use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::Rain;
+use crate::shade::adaptive::{self, Spacing};
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
 use crate::shade::sky::Sky;
 use crate::shade::town::frame::TownFrame;
-use crate::shade::town::light::Lighting;
+use crate::shade::town::light::{Lighting, StrokeLights};
 use crate::shade::town::line::Images;
 use crate::stroke::Stroke;
 use crate::transport::Cloud;
@@ -183,7 +183,8 @@ impl Scene {
             size: MIRROR_SIZE,
         };
         let from_eye = |direction: Vec3| Ray { origin: eye, direction: direction.as_dvec3() };
-        let mirror = Environment::new(window, &|direction| beyond(&from_eye(direction)));
+        let mirror =
+            Environment::looked_at(window, frame.quality.sky, &|direction| beyond(&from_eye(direction)));
         // A cloud that no stroke lights sheds nothing: its rays are not followed.
         let lit = lit.filter(|_| !flashes.is_empty());
         let glows = lit.as_ref().map(|cloud| light::glow_of(cloud, eye)).unwrap_or_default();
@@ -265,21 +266,26 @@ impl Scene {
     /// The strokes that the frame lets flash, each with its factor.
     pub(super) fn lit_strokes(&self, frame: &Frame, sky: &Sky) -> Result<Vec<LitStroke>, RuntimeError> {
         let eye = frame.camera.position;
-        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
         let lit = frame.flashes.iter().filter(|flash| flash.brightness > 0.0);
         let strokes = self.strokes.find(lit.clone())?;
         let lit_by = |(flash, stroke): (&Flash, Arc<Stroke>)| {
             let stroke = self.place.stroke(stroke);
-            let lights = channel::town_lights(&stroke, self.cloud_grid(), eye, &air);
+            let lights = self.town_lights(&stroke, eye, sky);
             LitStroke { scale: flash.scale_of(&stroke), stroke, lights }
         };
         Ok(lit.zip(strokes).map(lit_by).collect())
     }
 
+    /// A stroke's light as an eye sees it, [`channel::town_lights`].
+    pub(super) fn town_lights(&self, stroke: &Stroke, eye: DVec3, sky: &Sky) -> StrokeLights {
+        let air = |distance: f64| sky.air_view(eye_height(eye), CLOUD_M, distance).transmittance;
+        channel::town_lights(stroke, self.cloud_grid(), eye, &air)
+    }
+
     /// Sky and cloud behind the town, clear air in front.
     fn compose(
         &self,
-        (camera, quality): (&Camera, SkyQuality),
+        (camera, spacing): (&Camera, Spacing),
         sky: &Sky,
         (beyond, disc): (&Beyond<'_>, &Disc<'_>),
         town: &TownFrame,
@@ -287,7 +293,9 @@ impl Scene {
     ) {
         let (width, has_town) = (picture.width, self.town.is_some());
         let cover = |x: usize, y: usize| if has_town { town.pixels[y * width + x].cover } else { 0.0 };
-        behind::fill(camera, quality, (beyond, &|x, y| cover(x, y) < 1.0), &mut picture.pixels);
+        let size = [picture.width, picture.height];
+        let behind = |x: usize, y: usize| beyond(&camera.ray(x as f64 + 0.5, y as f64 + 0.5));
+        adaptive::fill(size, spacing, (&behind, &|x, y| cover(x, y) < 1.0), &mut picture.pixels);
         let row = |(y, row): (usize, &mut [[f32; 3]])| {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let cover = cover(x, y);
@@ -334,7 +342,7 @@ pub(super) fn cloud_air(sky: &Sky, eye: DVec3, distance: f64) -> [f32; 3] {
 }
 
 /// Composites a cloud over the sky behind it, through the clear air in front of it.
-fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
+pub(super) fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
     if cloud.transmittance == 1.0 {
         return;
     }

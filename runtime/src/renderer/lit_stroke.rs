@@ -16,7 +16,7 @@ pub(crate) fn eye_height(eye: DVec3) -> f64 {
 }
 
 /// A stroke that flashes.
-pub(super) struct LitStroke {
+pub(crate) struct LitStroke {
     pub stroke: Arc<Stroke>,
     /// Colour times brightness.
     pub scale: [f32; 3],

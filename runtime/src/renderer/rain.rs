@@ -11,8 +11,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MainLight, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot,
-    SmoothWindow, Workspace,
+    Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene, Shelter,
+    Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -78,7 +78,7 @@ impl Place {
 }
 
 /// Street lamps farther from the eye than this light no drop that is drawn, m.
-const LAMP_REACH_M: f64 = 60.0;
+pub(super) const LAMP_REACH_M: f64 = 60.0;
 
 /// What drops show: the scene around them, and the street lamps near by.
 struct DropLight<'a> {
@@ -148,7 +148,7 @@ impl RainMedium<'_> {
     }
 }
 
-fn shot_of(frame: &Frame) -> Shot<'_> {
+pub(super) fn shot_of(frame: &Frame) -> Shot<'_> {
     let [min_px, max_px] = frame.streaks.length_px;
     Shot { min_px, max_px, ..Shot::new(&frame.camera, frame.exposure) }
 }
@@ -177,7 +177,7 @@ fn depth_of<'a>(metres: &'a [f32], picture: &Picture) -> Result<DepthBuffer<'a>,
 }
 
 /// The flashes at the eye, as one distant light; those with halos of their own are left out.
-fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) -> bool) -> Beam {
+pub(super) fn flash_at(flashes: &[LitStroke], eye: DVec3, leave_out: impl Fn(&LitStroke) -> bool) -> Beam {
     let (irradiance, direction) = irradiance_at(flashes.iter().filter(|flash| !leave_out(flash)), eye);
     Beam { towards: -direction, irradiance }
 }
@@ -219,7 +219,8 @@ pub fn medium<'a>(
     let full = field.filled_radius(eye).min(field.farthest());
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
-    let outlook = Outlook { camera, volume: field, light: &own, depth };
+    let volume = RainFan::new(field, camera);
+    let outlook = Outlook { camera, volume, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;

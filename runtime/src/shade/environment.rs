@@ -3,7 +3,10 @@
 //! Marching a cloud for every mirrored ray would cost more than the picture itself; a few ten thousand rays into a
 //! window of azimuth and elevation, read back bilinearly, cost little and blur nothing that ripples leave sharp.
 
-use crate::parallel::prelude::*;
+#[cfg(feature = "gpu")]
+mod upload;
+
+use super::adaptive::{self, Spacing};
 use glam::Vec3;
 use squall_formats::units::Radians;
 
@@ -31,18 +34,25 @@ pub struct Environment {
 impl Environment {
     /// Fills the picture with `radiance` of unit directions, row by row.
     pub fn new(window: EnvironmentWindow, radiance: &(dyn Fn(Vec3) -> [f32; 3] + Sync)) -> Self {
+        Self::looked_at(window, Spacing { pixels: 1, tolerance: 0.0 }, radiance)
+    }
+
+    /// The same where directions are interpolated as `spacing` allows.
+    pub fn looked_at(
+        window: EnvironmentWindow,
+        spacing: Spacing,
+        radiance: &(dyn Fn(Vec3) -> [f32; 3] + Sync),
+    ) -> Self {
         let window = EnvironmentWindow { size: window.size.map(|count| count.max(2)), ..window };
         let ([columns, rows], bottom) = (window.size, window.bottom.0);
         let mut pixels = vec![[0.0; 3]; columns * rows];
-        let row = |(y, row): (usize, &mut [[f32; 3]])| {
+        let at = |x: usize, y: usize| {
             let (rise, level) = libm::sincos(bottom + (window.top.0 - bottom) * y as f64 / (rows - 1) as f64);
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let across = 2.0 * x as f64 / (columns - 1) as f64 - 1.0;
-                let (sin, cos) = libm::sincos(window.heading.0 + across * window.half_width.0);
-                *pixel = radiance(Vec3::new((level * cos) as f32, (level * sin) as f32, rise as f32));
-            }
+            let across = 2.0 * x as f64 / (columns - 1) as f64 - 1.0;
+            let (sin, cos) = libm::sincos(window.heading.0 + across * window.half_width.0);
+            radiance(Vec3::new((level * cos) as f32, (level * sin) as f32, rise as f32))
         };
-        pixels.par_chunks_mut(columns).enumerate().for_each(row);
+        adaptive::fill(window.size, spacing, (&at, &|_, _| true), &mut pixels);
         Self { window, pixels }
     }
 

@@ -1,8 +1,8 @@
 use super::*;
-use crate::airlight::PointBeside;
 use crate::assert_layout;
-use crate::camera::{Camera, Ray};
+use crate::camera::Camera;
 use crate::depth::{DepthBuffer, DepthKind};
+use crate::gpu::around::Around;
 use crate::gpu::clock::Clock;
 use crate::gpu::frame::{FrameGroup, FrameUniform};
 use crate::gpu::half::{bits_of, value_of};
@@ -16,11 +16,17 @@ use crate::load::Asset;
 use crate::medium::{Outlook, Phase, PhaseTable};
 use crate::picture::Picture;
 use crate::rain::{Ceiling, RainField, RainMap, RainPath, RainVolume, Region, Shot};
+use crate::renderer::halos::Halos;
+use crate::renderer::lit_stroke::LitStroke;
 use crate::shade::streak::StreakSet;
+use crate::shade::town::light::StrokeLights;
+use crate::shade::town::line::LineLight;
+use crate::stroke::Stroke;
 use crate::world::{InScattering, Sun, WorldLight};
 use glam::{DVec2, DVec3, Vec3};
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::streak::StreakSection;
+use squall_formats::section::town::StreetLamp;
 use squall_formats::units::{Degrees, Metres, MillimetresPerHour, Seconds};
 use std::sync::Arc;
 
@@ -29,7 +35,7 @@ const SIZE: [u32; 2] = [160, 90];
 #[test]
 fn structs_lie_as_the_shaders_have_them() {
     assert_layout!(MEDIUM, MediumFrame { medium, counts, shells });
-    assert_layout!(MEDIUM, HaloLight { start, radius, end, is_line, intensity });
+    assert_layout!(MEDIUM, HaloLight { start, radius, end, shape, intensity, extinction, most, pad0 });
     assert_layout!(SPOTS_PLACE, SpotSource { position, stroke, light, sigma });
     assert_layout!(SPOTS_PLACE, Spot { pixel, sigma, reach, light });
     assert_layout!(SPOTS_PLACE, SpotFrame { counts, strokes });
@@ -84,32 +90,32 @@ fn cases() -> Vec<Case> {
         Case { map: Some(map), farthest: Some(900.0), ..plain("in a map") },
         Case { phase: Phase::Table(Arc::new(PhaseTable::drops())), ..plain("drops with a bow") },
         Case { halos: true, ..plain("with halos") },
+        Case {
+            halos: true,
+            volume: RainVolume { ceiling, region: None },
+            ..plain("with halos under a ceiling")
+        },
     ]
 }
 
-/// Lamps and two pieces of a channel.
-fn halos() -> Vec<HaloLight> {
-    let lamp = |x: f32, y: f32| HaloLight {
-        start: [x, y, 6.0],
-        end: [x, y, 6.0],
-        radius: 0.15,
-        intensity: [90.0, 70.0, 30.0, 0.0],
-        ..HaloLight::default()
+/// Lamps near and far, one of them behind the eye, and a stroke in sight.
+fn lamps() -> Vec<StreetLamp> {
+    let places = [[2.0, 12.0, 6.0], [-30.0, 80.0, 6.0], [5.0, -60.0, 6.0]];
+    places.map(|position| StreetLamp { position, intensity: [90.0, 70.0, 30.0] }).to_vec()
+}
+
+fn stroke() -> LitStroke {
+    let ends = [DVec3::new(200.0, 900.0, 700.0), DVec3::new(210.0, 910.0, 0.0)];
+    let stroke = Arc::new(Stroke::between(ends[0], ends[1], 3, 1e6).unwrap());
+    let line = |a: DVec3, b: DVec3| LineLight {
+        from: a.as_vec3(),
+        to: b.as_vec3(),
+        intensity: [2e5, 2e5, 3e5],
+        visibility: 0.8,
     };
-    let line = |a: [f32; 3], b: [f32; 3]| HaloLight {
-        start: a,
-        end: b,
-        radius: 0.5 * Vec3::from(a).distance(Vec3::from(b)),
-        is_line: 1.0,
-        intensity: [2e5, 2e5, 3e5, 0.0],
-    };
-    vec![
-        lamp(2.0, 12.0),
-        lamp(-30.0, 80.0),
-        lamp(5.0, -60.0),
-        line([200.0, 900.0, 700.0], [230.0, 880.0, 300.0]),
-        line([230.0, 880.0, 300.0], [210.0, 910.0, 0.0]),
-    ]
+    let middle = DVec3::new(230.0, 880.0, 300.0);
+    let images = vec![line(ends[0], middle), line(middle, ends[1])].into();
+    LitStroke { stroke, scale: [1.0, 0.5, 2.0], lights: StrokeLights { images, points: Vec::new() } }
 }
 
 /// The same picture, and what is left of it.
@@ -117,7 +123,7 @@ fn by_the_processor<V: RainPath>(
     camera: &Camera,
     (medium, field, light): (&Medium, V, &InScattering),
     ranges: &[f32],
-    halos: &[HaloLight],
+    halos: &Halos<'_>,
 ) -> (Vec<[f32; 3]>, Vec<f32>) {
     let (width, height) = (SIZE[0] as usize, SIZE[1] as usize);
     let mut picture = Picture::new(width, height).unwrap();
@@ -127,24 +133,19 @@ fn by_the_processor<V: RainPath>(
     let depth = Some(DepthBuffer::new(&endless, width, height, DepthKind::Range).unwrap());
     let mut left = vec![0.0; ranges.len()];
     medium.apply(&Outlook { camera, volume: field, light, depth }, &mut picture, &mut left).unwrap();
-    let airlight = Airlight::new(medium.phase());
-    let extinction = medium.extinction().0;
     for (i, pixel) in picture.pixels.iter_mut().enumerate() {
-        let Ray { origin, direction } = camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let end = f64::from(endless[i]);
-        for halo in halos {
-            let ends = [halo.start, halo.end].map(|end| Vec3::from(end).as_dvec3());
-            let share = match halo.is_line > 0.0 {
-                true => airlight.of_line(extinction, ends, origin, direction, end),
-                false => {
-                    let beside = PointBeside::new(ends[0], origin, direction, end, f64::from(halo.radius));
-                    airlight.of_point(extinction, &beside)
-                }
-            };
-            (0..3).for_each(|band| pixel[band] += halo.intensity[band] * share[band] as f32);
-        }
+        let ray = camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let halo = halos.radiance(&ray, f64::from(endless[i]), *pixel);
+        (0..3).for_each(|band| pixel[band] += halo[band]);
     }
     (picture.pixels, left)
+}
+
+/// What the card would find around the eye: all of the sun.
+fn told(gpu: &Gpu) -> wgpu::Buffer {
+    let told = gpu.uniform::<Around>("around");
+    gpu.write(&told, &[Around { sun_open: 1.0, ..Around::default() }]);
+    told.clone()
 }
 
 #[test]
@@ -175,7 +176,12 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
         let rate = field.rate(MillimetresPerHour(section.largest_rate().0));
         let medium = Medium::beside_streaks(&section, &shot, rate).unwrap().with_phase(case.phase.clone());
         let light = medium.in_scattering(&world);
-        let halos = if case.halos { halos() } else { Vec::new() };
+        let spreading = Spreading::of(None, medium.phase());
+        let mut halos = Halos::new(&spreading, &medium, &field);
+        if case.halos {
+            halos.add_lamps(&lamps(), camera.position);
+            halos.add_stroke(&stroke(), camera.position);
+        }
 
         let (width, height) = (SIZE[0] as usize, SIZE[1] as usize);
         let each = || (0..width * height).map(|i| (i % width, i / width));
@@ -184,7 +190,7 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
 
         let frame = FrameGroup::new(&gpu);
         frame.set(&gpu, &FrameUniform::of_camera(&camera, 1.0));
-        let mut group = RainGroup::new(&gpu, &set.tables());
+        let mut group = RainGroup::new(&gpu, &set.tables(), &told(&gpu));
         gpu.write(&group.field, &[field.uniform()]);
         group.set_map(&gpu, field.map());
         let mut uniform = RainLight { phases: [case.phase.numbers(); 3], ..RainLight::default() };
@@ -196,7 +202,7 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
         let mut shown = ShownPass::new(&gpu, &frame.layout, &group, &harmonics);
         shown.set_phases(&gpu, &group, [&case.phase; 3]);
         let mut pass = MediumPass::new(&gpu, &frame.layout, &group);
-        pass.set(&gpu, Some(&medium), &halos).unwrap();
+        pass.set(&gpu, Some(&medium), (&halos.list(), Some(&spreading))).unwrap();
         let picture = gpu.target("picture", SIZE, LIGHT);
         let texel = |(x, y)| {
             let [r, g, b] = behind(x, y);

@@ -60,7 +60,7 @@ fn developed(gpu: &Gpu, tone: &Tone, picture: &Picture, what: (Developed, wgpu::
 #[test]
 fn a_developed_picture_is_the_processors_in_every_format_of_a_surface() {
     /// Levels of 255 in root mean square, and share of bands that are more than one level off: half precision of the levels.
-    const RMSE: f64 = 0.1;
+    const RMSE: f64 = 0.3;
     const FAR: f64 = 1e-3;
     let Some(gpu) = test_gpu() else { return };
     let picture = picture();

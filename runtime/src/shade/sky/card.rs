@@ -48,6 +48,12 @@ pub(crate) struct SkyUniform {
 }
 
 impl SkyUniform {
+    /// Brightest that the sun's disc is, W/(m² sr).
+    pub fn brightest(&self) -> f32 {
+        let disc = self.disc.iter().flatten().copied().fold(0.0, f32::max);
+        if self.has_disc == 1 { disc } else { 0.0 }
+    }
+
     /// Columns and rows of the table.
     pub const TABLE: [u32; 2] = [AZIMUTHS as u32, ELEVATIONS as u32];
 }

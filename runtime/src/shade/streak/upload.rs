@@ -36,7 +36,7 @@ impl StreakSet {
     pub(crate) fn tables(&self) -> StreakTables {
         let numbers: Vec<u32> = (0..self.patterns.len() as u32).collect();
         // A pattern takes milliseconds to prepare.
-        numbers.par_iter().for_each(|number| drop(self.prepared(*number)));
+        numbers.par_iter().for_each(|number| _ = self.prepared(*number));
         let mut out = StreakTables {
             heads: Vec::new(),
             tables: Vec::new(),

@@ -6,7 +6,7 @@
 //! streaks of \[toyshop\] §6.3 without a blur pass.
 
 use super::ground::FILM_SLOPE;
-use super::line::{Images, LineLight};
+use super::line::{Images, Place};
 use super::rain::RainBetween;
 use super::{Hit, Surface, Thing, Town};
 use crate::shade::water::{GLASS, fresnel_reflectance, rippled_highlight, water_reflectance};
@@ -144,6 +144,29 @@ pub(super) struct Shading<const N: usize> {
     pub pane: Option<Parts<N>>,
     /// Radiance of the water's facets, and the share that they keep from what lies below; none where it is dry.
     pub mirrored: Option<(Parts<N>, f32)>,
+}
+
+/// Whether walls stand before pieces of a channel that are close to each other: where they do not before the first and the last,
+/// they don't between, and the same of where they do.
+#[derive(Default)]
+struct Openness {
+    ends: Option<[bool; 2]>,
+}
+
+impl Openness {
+    /// Whether piece `number` of `count` is seen; `is_open` looks.
+    fn at(&mut self, number: usize, count: usize, is_open: &dyn Fn(usize) -> bool) -> bool {
+        let ends = *self.ends.get_or_insert_with(|| {
+            let first = is_open(0);
+            [first, if count > 1 { is_open(count - 1) } else { first }]
+        });
+        match ends {
+            [first, last] if first == last => first,
+            [first, _] if number == 0 => first,
+            [_, last] if number + 1 == count => last,
+            _ => is_open(number),
+        }
+    }
 }
 
 /// Just below the share of a number of single precision that, added to it, never changes it.
@@ -348,21 +371,24 @@ impl Town {
         let is_lost = |share: f32, light: [f32; 3], sum: &[f32; 3]| {
             (0..3).all(|band| share * light[band] <= HALF_A_DIGIT * sum[band])
         };
-        let shown = |sum: &mut [f32; 3], light: &LineLight, centre: Vec3| {
-            let bright = light.highlight(hit.point, hit.normal, to_viewer, slope);
-            let share = mirror.points * bright * light.visibility;
-            if is_lost(share, light.intensity, sum) {
-                return;
-            }
-            let middle = light.middle();
-            let faint = faint(share, light.intensity[1], sum);
-            if share > 0.0 && (faint || !self.is_blocked(start, middle)) {
-                add(sum, share * lighting.rain.left_far(start, centre), light.intensity);
-            }
-        };
+        let place = Place { point: hit.point, normal: hit.normal, to_viewer, slope };
         let shown_of = |images: &'_ Images, sum: &mut [f32; 3]| {
-            let lines = images.shown_at(hit.point, hit.normal, to_viewer, slope);
-            lines.for_each(|(light, centre)| shown(sum, light, centre));
+            images.each_shown(&place, |centre, lines| {
+                let mut left = None;
+                let mut open = Openness::default();
+                for (number, (light, bright)) in lines.iter().enumerate() {
+                    let share = mirror.points * bright * light.visibility;
+                    if is_lost(share, light.intensity, sum) {
+                        continue;
+                    }
+                    let is_open = |number: usize| !self.is_blocked(start, lines[number].0.middle());
+                    let faint = faint(share, light.intensity[1], sum);
+                    if faint || open.at(number, lines.len(), &is_open) {
+                        let left = *left.get_or_insert_with(|| lighting.rain.left_far(start, centre));
+                        add(sum, share * left, light.intensity);
+                    }
+                }
+            });
         };
         shown_of(lighting.images, &mut sum.base);
         // Measured against the stroke's own light, what is faint is so at any brightness.

@@ -4,6 +4,9 @@
 //! a normal curve does. Sums at steps well below the curve's width are as good as its integral, so a line takes as many steps as
 //! its image is long in widths, and no gap opens between them.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use crate::shade::water::{SMOOTHEST, rippled_highlight};
 use glam::Vec3;
 
@@ -73,17 +76,62 @@ impl Images {
         self.balls.iter().map(|ball| ball.centre)
     }
 
-    /// The lines, in their order, but for those that certainly have no image at `point`; each with the middle of the ball that it is in.
-    pub(super) fn shown_at(
-        &self,
-        point: Vec3,
-        normal: Vec3,
-        to_viewer: Vec3,
-        slope: f32,
-    ) -> impl Iterator<Item = (&LineLight, Vec3)> {
-        let runs = self.lines.chunks(TOGETHER).zip(&self.balls);
-        runs.filter(move |(_, ball)| !ball.has_no_image(point, normal, to_viewer, slope))
-            .flat_map(|(lines, ball)| lines.iter().map(|line| (line, ball.centre)))
+    /// Calls `shown` for each ball whose lines may have an image in water, with its middle and those lines that have one there, each
+    /// with its [`LineLight::highlight`].
+    pub(super) fn each_shown<'a>(
+        &'a self,
+        place: &Place,
+        mut shown: impl FnMut(Vec3, &[(&'a LineLight, f32)]),
+    ) {
+        let mut lit: [(&LineLight, f32); TOGETHER] = [(&NO_LINE, 0.0); TOGETHER];
+        for (lines, ball) in self.lines.chunks(TOGETHER).zip(&self.balls) {
+            if ball.has_no_image(place) {
+                continue;
+            }
+            let mut count = 0;
+            // Where one line ends the next begins.
+            let mut last = (Vec3::NAN, None);
+            for line in lines {
+                let from = if line.from == last.0 { last.1 } else { place.slope_of(line.from) };
+                last = (line.to, place.slope_of(line.to));
+                let bright = line.highlight_between([from, last.1], place);
+                if bright > 0.0 {
+                    lit[count] = (line, bright);
+                    count += 1;
+                }
+            }
+            if count > 0 {
+                shown(ball.centre, &lit[..count]);
+            }
+        }
+    }
+}
+
+const NO_LINE: LineLight =
+    LineLight { from: Vec3::ZERO, to: Vec3::ZERO, intensity: [0.0; 3], visibility: 0.0 };
+
+/// A place of water that is looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The place, m.
+    pub point: Vec3,
+    /// Unit normal of the still water.
+    pub normal: Vec3,
+    /// Unit direction to the eye.
+    pub to_viewer: Vec3,
+    /// Root mean square slope along one axis.
+    pub slope: f32,
+}
+
+impl Place {
+    /// The facet's slope across the surface that shows a light at `position` to the eye; none below the surface.
+    fn slope_of(&self, position: Vec3) -> Option<Vec3> {
+        let way = position - self.point;
+        if self.normal.dot(way) <= 0.0 {
+            return None;
+        }
+        let half = way.normalize() + self.to_viewer;
+        Some(half / self.normal.dot(half) - self.normal)
     }
 }
 
@@ -102,7 +150,7 @@ impl Ball {
     ///
     /// Unit vectors to its places differ from the one w to its centre by e at most, so a facet's slope T/N of half = w + v is no
     /// shorter along T than (|T| − e)/(N + e), and no two of them are farther apart than 2e/(N − e) + 2e(|T| + e)/(N − e)².
-    fn has_no_image(&self, point: Vec3, normal: Vec3, to_viewer: Vec3, slope: f32) -> bool {
+    fn has_no_image(&self, &Place { point, normal, to_viewer, slope }: &Place) -> bool {
         let way = self.centre - point;
         let distance = way.length();
         if distance <= 1.5 * self.radius {
@@ -126,23 +174,13 @@ impl Ball {
 /// Share of a channel's light whose image is not missed.
 const FAINT: f32 = 1e-3;
 /// Steps as a share of the highlight's standard deviation.
-const STEP: f32 = 0.8;
+const STEP: f32 = 0.5;
 /// Steps per radian that the line covers.
 const ANGLE_STEPS: f32 = 16.0;
 /// Most steps of one line.
 const MOST_STEPS: f32 = 64.0;
 /// Standard deviations at which a highlight ends.
 const REACH: f32 = 7.1;
-
-/// The facet's slope across the surface that shows a light at `position` to the eye; none below the surface.
-fn slope_of(position: Vec3, point: Vec3, normal: Vec3, to_viewer: Vec3) -> Option<Vec3> {
-    let way = position - point;
-    if normal.dot(way) <= 0.0 {
-        return None;
-    }
-    let half = way.normalize() + to_viewer;
-    Some(half / normal.dot(half) - normal)
-}
 
 impl LineLight {
     /// Its middle, m.
@@ -152,8 +190,13 @@ impl LineLight {
 
     /// Radiance towards the eye per unit of the line's intensity from rippled water at `point`, 1/m²: the mean of
     /// [`rippled_highlight`] over squared distance along it.
-    pub fn highlight(&self, point: Vec3, normal: Vec3, to_viewer: Vec3, slope: f32) -> f32 {
-        let ends = [self.from, self.to].map(|end| slope_of(end, point, normal, to_viewer));
+    pub fn highlight(&self, place: &Place) -> f32 {
+        self.highlight_between([self.from, self.to].map(|end| place.slope_of(end)), place)
+    }
+
+    /// The same with the slopes that show its ends.
+    fn highlight_between(&self, ends: [Option<Vec3>; 2], place: &Place) -> f32 {
+        let &Place { point, normal, to_viewer, slope } = place;
         let steps = match ends {
             [Some(a), Some(b)] => {
                 let way = b - a;
@@ -190,6 +233,10 @@ mod tests {
         visibility: 1.0,
     };
 
+    fn at(to_viewer: Vec3, slope: f32) -> Place {
+        Place { point: Vec3::ZERO, normal: Vec3::Z, to_viewer, slope }
+    }
+
     fn viewer(down: f32, side: f32) -> Vec3 {
         -Vec3::new(0.16 + side, 1.0, -down).normalize()
     }
@@ -204,7 +251,7 @@ mod tests {
             for i in 0..40 {
                 for side in [0.0, 0.01, -0.03] {
                     let eye = viewer(0.01 + 0.012 * i as f32, side);
-                    let found = BOLT.highlight(Vec3::ZERO, Vec3::Z, eye, slope);
+                    let found = BOLT.highlight(&at(eye, slope));
                     let wanted = (0..10_000)
                         .map(|k| {
                             let way = BOLT.from.lerp(BOLT.to, (k as f32 + 0.5) / 10_000.0);
@@ -230,7 +277,7 @@ mod tests {
         let (mut whole, mut parts) = (0.0, 0.0);
         for i in 0..200 {
             let eye = viewer(0.002 + 0.0025 * i as f32, 0.0);
-            let at = |line: &LineLight| line.highlight(Vec3::ZERO, Vec3::Z, eye, 0.01);
+            let at = |line: &LineLight| line.highlight(&self::at(eye, 0.01));
             whole += at(&BOLT);
             parts += 0.5 * (at(&halves[0]) + at(&halves[1]));
         }
@@ -251,12 +298,16 @@ mod tests {
             let images = Images::from(ends.windows(2).map(line).collect::<Vec<_>>());
             let eye = viewer(random.range(0.001, 0.6) as f32, random.range(-0.4, 0.2) as f32);
             let slope = [0.0, 0.004, 0.02, 0.1][random.range(0.0, 3.99) as usize];
-            let shown = images.shown_at(Vec3::ZERO, Vec3::Z, eye, slope).count();
-            asked += 1;
-            if shown == 0 {
-                left_out += 1;
-                assert!(images.iter().all(|line| line.highlight(Vec3::ZERO, Vec3::Z, eye, slope) == 0.0));
-            }
+            let place = at(eye, slope);
+            let mut shown = 0;
+            images.each_shown(&place, |_, lines| {
+                shown += lines.len();
+                assert!(lines.iter().all(|(line, bright)| *bright == line.highlight(&place)));
+            });
+            let lit = images.iter().filter(|line| line.highlight(&place) > 0.0).count();
+            assert_eq!(shown, lit);
+            asked += images.balls.len();
+            left_out += images.balls.iter().filter(|ball| ball.has_no_image(&place)).count();
         }
         assert!(left_out > asked / 10 && left_out < asked, "{left_out} of {asked}");
     }
@@ -264,7 +315,7 @@ mod tests {
     #[test]
     fn a_line_below_the_water_or_aside_has_no_image() {
         let sunk = LineLight { from: Vec3::new(0.0, 10.0, -5.0), to: Vec3::new(0.0, 10.0, -1.0), ..BOLT };
-        assert_eq!(sunk.highlight(Vec3::ZERO, Vec3::Z, viewer(0.2, 0.0), 0.05), 0.0);
-        assert_eq!(BOLT.highlight(Vec3::ZERO, Vec3::Z, viewer(0.2, 0.9), 0.02), 0.0);
+        assert_eq!(sunk.highlight(&at(viewer(0.2, 0.0), 0.05)), 0.0);
+        assert_eq!(BOLT.highlight(&at(viewer(0.2, 0.9), 0.02)), 0.0);
     }
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::shade::town::line::LineLight;
 use crate::shade::town::rain::NoRain;
 use crate::shade::town::tests::small_town;
 

@@ -1,0 +1,42 @@
+//! Lights with halos as a graphics card takes them.
+
+use super::{Halos, LAMP_RADIUS_M, Shape, Spreading};
+use crate::gpu::medium::HaloLight;
+
+/// How shapes are told apart there.
+const LAMP: f32 = 0.0;
+const LINE: f32 = 1.0;
+const BALL: f32 = 2.0;
+
+impl Spreading {
+    /// The tables: what is scattered once; the source of what is scattered more often, and what is seen of that.
+    pub(crate) fn texels(&self) -> [Vec<[f32; 4]>; 3] {
+        let [source, seen] = self.more.texels();
+        [self.once.texels(), source, seen]
+    }
+}
+
+impl Halos<'_> {
+    /// The lights.
+    pub(crate) fn list(&self) -> Vec<HaloLight> {
+        let each = self.lights.iter().map(|halo| {
+            let (ends, radius, shape) = match halo.shape {
+                Shape::Lamp(place) => ([place; 2], LAMP_RADIUS_M, LAMP),
+                Shape::Line(ends) => (ends, 0.5 * ends[0].distance(ends[1]), LINE),
+                Shape::Ball(place, radius) => ([place; 2], radius, BALL),
+            };
+            let [start, end] = ends.map(|end| end.as_vec3().to_array());
+            HaloLight {
+                start,
+                radius: radius as f32,
+                end,
+                shape,
+                intensity: halo.intensity,
+                extinction: halo.extinction as f32,
+                most: halo.most.map(|most| most.min(1e30) as f32),
+                pad0: [0.0; 2],
+            }
+        });
+        each.collect()
+    }
+}

@@ -1,0 +1,23 @@
+//! Lines of light as a graphics card reads them.
+
+use super::{Images, LineLight};
+use crate::gpu::town::light::TownSource;
+
+impl Images {
+    /// Balls, then the lines in them.
+    pub(crate) fn sources(&self) -> impl Iterator<Item = TownSource> {
+        let balls = self.balls.iter().map(|ball| TownSource {
+            start: ball.centre.to_array(),
+            share: ball.radius,
+            ..TownSource::default()
+        });
+        let line = |light: &LineLight| TownSource {
+            start: light.from.to_array(),
+            share: light.visibility,
+            end: light.to.to_array(),
+            intensity: light.intensity,
+            ..TownSource::default()
+        };
+        balls.chain(self.lines.iter().map(line))
+    }
+}
