@@ -147,11 +147,11 @@ impl Plain {
 }
 
 /// All products in one register.
-#[cfg(feature = "simd")]
+#[cfg(all(feature = "simd", target_arch = "x86_64"))]
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S>(pub S);
 
-#[cfg(feature = "simd")]
+#[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod wide {
     use super::{PLACES, Registers, Wide};
     use fearless_simd::{Simd, SimdBase, f32x4, f32x8, f32x16};
