@@ -1,4 +1,5 @@
-//! `cargo bench -p squall-bake --bench rain_draw [-- PICTURE…]`: what drawing a frame's streaks costs, beside how far the frame is off.
+//! `cargo bench -p squall-bake --bench rain_draw [-- PICTURE…] [--baselines]`: what drawing a frame's streaks costs, beside how far the
+//! frame is off; with `--baselines` also what \[weber\]'s Algorithm 1 as printed and a particle system take for one such frame.
 //!
 //! Milliseconds are one thread's own, at 1920 × 1080, T 20 ms, streaks of 30 to 200 px; the error is that of a smaller frame of the
 //! same streaks against the pictures themselves with 256 samples a pixel. Nothing is asserted: machines differ, and tests judge errors.
@@ -28,9 +29,21 @@ fn main() {
         let patterns = fit_all(&sources, FitSettings { method, cosines: 6 }).unwrap();
         StreakSet::new(&StreakSection { patterns })
     };
+    let section = bake_density(&DensitySpec::default()).unwrap();
+    if std::env::args().any(|argument| argument == "--baselines") {
+        let patterns = fit_all(&sources, FitSettings { method: Method::Paper, cosines: 6 }).unwrap();
+        let view =
+            View { section: &section, rate: 75.0, fov: 120.0, size: [1920, 1080], lengths_px: [30.0, 200.0] };
+        let own = view.time(&set(Method::Edges), 9).unwrap();
+        let [grid, system] = view.baselines(&patterns, &pictures).unwrap();
+        let ours = own.find_ms + own.draw_ms;
+        println!("R 75, fov 120: found and drawn {ours:.1} ms");
+        println!("Algorithm 1 as printed, one frame: {:.0} ms, {:.0} ×", grid.median, grid.median / ours);
+        println!("particle system: {:.1} ms, {:.1} ×", system.median, system.median / ours);
+        return;
+    }
     let (cosines, separable) = (set(Method::Edges), set(Method::Separable));
     let reference = PictureSet::new(&pictures, PER_SAMPLE);
-    let section = bake_density(&DensitySpec::default()).unwrap();
     println!("  R  fov  kernel            streaks  covered Mpx  find ms  draw ms  error %  MB held");
     for (rate, fov) in [
         (0.1, 120.0),

@@ -20,6 +20,7 @@ use crate::input::scene::scene_files;
 pub use clouds::parse_directions;
 use model::RainMapSource;
 pub use model::{Clouds, Rain, Recipe, VirtualLights};
+pub(crate) use rain_map::ends_in;
 use squall_formats::section::view::ViewSection;
 use std::path::{Path, PathBuf};
 pub use sun::sun_at;

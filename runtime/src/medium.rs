@@ -158,8 +158,8 @@ impl Medium {
                 secant * shells.map(|s| s.extinction * (depth.min(s.far) - s.near).max(0.0)).sum::<f64>()
             }
             _ => {
-                let path = |s: &Shell| volume.path(ray, s.near * secant, distance.min(s.far * secant));
-                self.drawn.iter().map(|s| s.extinction * path(s)).sum()
+                let piece = |s: &Shell| [s.extinction, s.near * secant, distance.min(s.far * secant)];
+                volume.weighted(ray, &mut self.drawn.iter().map(piece))
             }
         };
         (self.extinction.0 * volume.path(ray, 0.0, distance) - drawn).max(0.0)

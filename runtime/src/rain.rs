@@ -20,6 +20,7 @@
 //! | L      | D + vT, length before projection | m |
 
 pub mod cover;
+pub mod fan;
 pub mod field;
 pub mod kernel;
 mod lattice;
@@ -49,6 +50,7 @@ use std::ops::Range;
 use streak::Lens;
 
 pub use cover::{CoverMap, Covers};
+pub use fan::RainFan;
 pub use field::{RainField, RainPath};
 pub use kernel::{Clip, Footprint, Kernel, Ribbon, Span};
 pub use light::{MainLight, RainLight, Surroundings};

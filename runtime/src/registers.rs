@@ -147,11 +147,11 @@ impl Plain {
 }
 
 /// All products in one register.
-#[cfg(feature = "simd")]
+#[cfg(all(feature = "simd", target_arch = "x86_64"))]
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S>(pub S);
 
-#[cfg(feature = "simd")]
+#[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod wide {
     use super::{PLACES, Registers, Wide};
     use fearless_simd::{Simd, SimdBase, f32x4, f32x8, f32x16};
@@ -229,6 +229,48 @@ mod wide {
             let lit = f32x4::from_slice(simd, far) * (one - last);
             (lit + last * f32x4::from_slice(simd, &colours[8..])).store_slice(far);
             (f32x4::from_slice(simd, mask) * (one - alpha) + alpha).store_slice(mask);
+        }
+    }
+}
+
+#[cfg(all(test, feature = "simd", target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// Sums of two and four products, and four pixels under one streak, of random numbers.
+    fn bits(registers: impl Registers) -> Vec<u32> {
+        let mut random = Random::new(11);
+        let mut four = || -> [f32; 4] { std::array::from_fn(|_| random.range(-1.0, 1.0) as f32) };
+        let mut bits = Vec::new();
+        for _ in 0..200 {
+            let [low, high]: [[[f32; 4]; 4]; 2] = [(); 2].map(|()| [(); 4].map(|()| four()));
+            let (factors, [share, step, ..]) = ([four(), four()], four());
+            let two = registers.two(&[low[0], low[1]], &[high[0], high[1]], share, step, &factors);
+            let all = registers.four(&low, &high, share, step, &factors);
+            let mut light = [0.0; 12];
+            light.as_chunks_mut().0.iter_mut().for_each(|part: &mut [f32; 4]| *part = four());
+            let mut mask = four().map(f32::abs);
+            registers.lay(&mut light, &mut mask, four().map(f32::abs), &[0.3; 12]);
+            bits.extend([two, all, mask].as_flattened().iter().chain(&light).map(|value| value.to_bits()));
+        }
+        bits
+    }
+
+    #[test]
+    fn streaks_are_the_same_bits_in_registers_of_every_width() {
+        let plain = bits(Plain);
+        let level = fearless_simd::Level::new();
+        if let Some(simd) = level.as_sse2() {
+            assert!(bits(Wide(simd)) == plain);
+        }
+        match level.as_avx2() {
+            Some(simd) => assert!(bits(Wide(simd)) == plain),
+            None => println!("skipped: this machine has no 256-bit registers"),
+        }
+        match level.as_avx512() {
+            Some(simd) => assert!(bits(Wide(simd)) == plain),
+            None => println!("skipped: this machine has no 512-bit registers"),
         }
     }
 }

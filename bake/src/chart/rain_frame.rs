@@ -171,7 +171,7 @@ pub struct Drawn {
     pub covered: usize,
     /// Finding them, ms of this thread.
     pub find_ms: f64,
-    /// Drawing them.
+    /// Drawing them over a picture that is there.
     pub draw_ms: f64,
     /// Memory that both keep.
     pub bytes: usize,
@@ -184,7 +184,7 @@ impl View<'_> {
         Ok(Camera::new(DVec3::new(3.0, 5.0, 1.7), DVec3::new(1.0, 0.4, 0.1), DVec3::Z, projection, size)?)
     }
 
-    /// Draws into `picture`, in `workspace`.
+    /// Draws into a black `picture`, in `workspace`.
     fn draw<K: Kernel>(
         &self,
         samples: u32,
@@ -193,6 +193,7 @@ impl View<'_> {
         picture: &mut Picture,
     ) -> Result<(), BakeError> {
         self.find(samples, workspace)?;
+        picture.pixels.fill([0.0; 3]);
         self.lay(samples, kernel, workspace, picture)
     }
 
@@ -219,7 +220,6 @@ impl View<'_> {
     ) -> Result<(), BakeError> {
         let camera = self.camera(samples)?;
         let shot = self.shot(samples, &camera);
-        picture.pixels.fill([0.0; 3]);
         let light = Surroundings { above: [1.0; 3], below: [0.1; 3], ..Default::default() };
         workspace.draw(&shot, &Scene { depth: None, kernel, light: &light, gain: GAIN }, picture)?;
         Ok(())

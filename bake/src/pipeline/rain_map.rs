@@ -2,10 +2,12 @@
 
 use super::stage::{Clock, StageOutput};
 use crate::error::BakeError;
+use crate::input::npy::{is_npy, read_npy};
 use crate::input::picture::{grey_of, picture_file};
 use crate::input::scene::read_scene;
 use crate::input::{Fingerprint, Input};
 use crate::provenance::input_record;
+use crate::recipe::ends_in;
 use crate::recipe::model::{Rain, RainMapSource, RainMapSpec, Recipe, Shower};
 use squall_formats::section::rain_place::{MOST_SIDE, RainMapRecord, RainPlaceSection};
 use squall_runtime::transport::Cloud;
@@ -145,6 +147,9 @@ fn scaled(mut rates: Vec<f32>, heaviest: Option<f64>) -> Vec<f32> {
 /// Size and rates of a map's file, y upwards.
 fn read(path: &Path, cells: Option<[u32; 2]>) -> Result<([u32; 2], Vec<f32>, Fingerprint), BakeError> {
     let Some([columns, rows]) = cells else {
+        if ends_in(path, "npy") {
+            return read_array(path);
+        }
         let input = picture_file(path)?;
         let picture = grey_of(&input, None)?.picture;
         let size = [picture.width, picture.height];
@@ -164,14 +169,37 @@ fn read(path: &Path, cells: Option<[u32; 2]>) -> Result<([u32; 2], Vec<f32>, Fin
     }
     let (numbers, _) = input.bytes.as_chunks::<4>();
     let rates: Vec<f32> = numbers.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+    check_rates(path, columns as usize, &rates)?;
+    Ok(([columns, rows], rates, input.fingerprint()))
+}
+
+/// The same of a NumPy array: rows and columns of mm/h, its first row where y is least.
+fn read_array(path: &Path) -> Result<([u32; 2], Vec<f32>, Fingerprint), BakeError> {
+    let side = u64::from(MOST_SIDE);
+    // As many doubles as there may be, and a header.
+    let input = Input::read(path, side * side * 8 + (1 << 17))?;
+    if !is_npy(&input) {
+        return Err(BakeError::input(path, "format", "NumPy's .npy", input.kind()));
+    }
+    let array = read_npy(&input)?;
+    if array.width.max(array.height) > MOST_SIDE as usize {
+        let found = format!("{} × {}", array.width, array.height);
+        return Err(BakeError::input(path, "npy shape", format!("at most {MOST_SIDE} cells a side"), found));
+    }
+    let rates: Vec<f32> = array.values.iter().map(|value| *value as f32).collect();
+    check_rates(path, array.width, &rates)?;
+    Ok(([array.width as u32, array.height as u32], rates, input.fingerprint()))
+}
+
+fn check_rates(path: &Path, columns: usize, rates: &[f32]) -> Result<(), BakeError> {
     if let Some(at) = rates.iter().position(|rate| !(*rate >= 0.0 && *rate <= 1e30)) {
-        let field = format!("cell {} × {}", at % columns as usize, at / columns as usize);
+        let field = format!("cell {} × {}", at % columns, at / columns);
         return Err(BakeError::input(path, field, "a rate of 0 mm/h or more", rates[at]));
     }
     if rates.iter().all(|rate| *rate == 0.0) {
         return Err(BakeError::input(path, "rates", "rain somewhere", "0 mm/h in every cell"));
     }
-    Ok(([columns, rows], rates, input.fingerprint()))
+    Ok(())
 }
 
 /// Share of the rain that falls from a height at or below the map's top.

@@ -6,7 +6,7 @@ use super::place::Source;
 use crate::error::RecipeError;
 use serde::Deserialize;
 use squall_formats::section::rain_place::MOST_SIDE;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 
 #[derive(Deserialize)]
@@ -74,7 +74,10 @@ impl RainMapFile {
                 return Err(source.error(whole(), "rain.map", "one of file and from", found));
             }
         };
-        let is_numbers = matches!(&map, RainMapSource::File { cells: Some(_), .. });
+        let is_numbers = match &map {
+            RainMapSource::File { path, cells, .. } => cells.is_some() || ends_in(path, "npy"),
+            RainMapSource::Cloud { .. } => false,
+        };
         if rate.is_none() && !is_numbers {
             let wanted = "the rate of the heaviest rain, mm/h";
             return Err(source.error(whole(), key("rate_mm_per_h"), wanted, "nothing"));
@@ -86,11 +89,10 @@ impl RainMapFile {
 
     fn of_file(&self, source: &Source, file: &Spanned<PathBuf>) -> Result<RainMapSource, RecipeError> {
         let path = source.beside("rain.map.file", file)?;
-        let ends = |end: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(end));
         let missing = |name: &str, wanted: &str| {
             source.error(file.span(), format!("rain.map.{name}"), wanted, "nothing")
         };
-        let cells = match (&self.cells, ends("f32")) {
+        let cells = match (&self.cells, ends_in(&path, "f32")) {
             (Some(cells), true) => {
                 let sides = *cells.get_ref();
                 if sides.iter().any(|side| !(1..=MOST_SIDE).contains(side)) {
@@ -120,6 +122,11 @@ impl RainMapFile {
         let cell_m = source.number("rain.map.cell_m", &self.cell_m, 1.0, [1e-3, 1e7], "m")?;
         Ok(RainMapSource::File { path, cells, origin_m, cell_m })
     }
+}
+
+/// Whether a file's name ends so.
+pub(crate) fn ends_in(path: &Path, end: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(end))
 }
 
 fn shower_of(source: &Source, shower: &Spanned<ShowerFile>) -> Result<Shower, RecipeError> {

@@ -24,6 +24,10 @@ pub trait RainPath: Sync {
     }
     /// Metres of full rain on a ray between the distances `from` ≥ 0 and `to`.
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64;
+    /// Σ factor · [`RainPath::path`] over pieces of one ray: factor, from, to.
+    fn weighted(&self, ray: &Ray, pieces: &mut dyn Iterator<Item = [f64; 3]>) -> f64 {
+        pieces.map(|[factor, from, to]| factor * self.path(ray, from, to)).sum()
+    }
 }
 
 impl RainPath for RainVolume {
@@ -49,18 +53,18 @@ impl RainPath for RainVolume {
 pub struct RainField<'a> {
     /// Bounds.
     pub volume: RainVolume,
-    map: Option<PlacedMap<'a>>,
+    pub(super) map: Option<PlacedMap<'a>>,
     /// Rays end here: \[weber\]'s sphere of the sky around the eye.
-    farthest: Option<Metres>,
+    pub(super) farthest: Option<Metres>,
 }
 
 /// A map where the wind has carried it.
 #[derive(Clone, Copy, Debug)]
-struct PlacedMap<'a> {
-    map: &'a RainMap,
-    drift: DVec2,
+pub(super) struct PlacedMap<'a> {
+    pub map: &'a RainMap,
+    pub drift: DVec2,
     /// Extinction that counts as 1, over the heaviest rain's.
-    reference: f64,
+    pub reference: f64,
 }
 
 impl From<RainVolume> for RainField<'_> {

@@ -18,7 +18,7 @@ use glam::{DVec2, DVec3};
 use squall_formats::drops::SLOPE_POWER;
 use squall_formats::section::rain_place::RainMapRecord;
 use squall_formats::units::{Metres, MillimetresPerHour};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Most cells along a side.
 const MOST_SIDE: usize = 4096;
@@ -36,7 +36,30 @@ pub struct RainMap {
     extinction: Arc<[f32]>,
     /// Of each [`BLOCK`] × [`BLOCK`] patches, x fastest, whether rain falls in any: rays step over the others whole.
     wet: Arc<[bool]>,
+    /// The extinction in halves of halves, made when a fan first asks.
+    levels: Arc<OnceLock<Vec<Level>>>,
     top: Option<Ceiling>,
+}
+
+/// A map's extinction with a cell for each 2ˡ × 2ˡ of it.
+#[derive(Clone, Debug, PartialEq)]
+struct Level {
+    width: usize,
+    values: Vec<f32>,
+}
+
+impl Level {
+    /// Each value the mean of four; what is missing at the border is dry.
+    fn halved(width: usize, values: &[f32]) -> Self {
+        let rows = values.len() / width;
+        let (half, below) = (width.div_ceil(2), rows.div_ceil(2));
+        let at = |x: usize, y: usize| if x < width && y < rows { values[y * width + x] } else { 0.0 };
+        let mean = |i: usize| {
+            let (x, y) = (2 * (i % half), 2 * (i / half));
+            0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1))
+        };
+        Self { width: half, values: (0..half * below).map(mean).collect() }
+    }
 }
 
 impl RainMap {
@@ -86,7 +109,9 @@ impl RainMap {
         }
         let heaviest = MillimetresPerHour(f64::from(heaviest));
         let wet = Arc::default();
-        let mut map = Self { origin, cell: cell.0, size, heaviest, extinction: extinction.into(), wet, top };
+        let levels = Arc::default();
+        let extinction = extinction.into();
+        let mut map = Self { origin, cell: cell.0, size, heaviest, extinction, wet, levels, top };
         let blocks = map.blocks();
         let mut wet = vec![false; blocks[0] * blocks[1]];
         for y in 0..=size[1] {
@@ -139,6 +164,41 @@ impl RainMap {
     /// Rain at a place of the ground at time 0, mm/h.
     pub fn rate_at(&self, place: DVec2) -> MillimetresPerHour {
         MillimetresPerHour(self.heaviest.0 * libm::pow(self.share(place), -1.0 / (3.0 * SLOPE_POWER)))
+    }
+
+    /// Its lowest corner, the edge of its cells, and how many they are.
+    pub(super) fn cells(&self) -> (DVec2, f64, [usize; 2]) {
+        (self.origin, self.cell, self.size)
+    }
+
+    /// [`RainMap::share`] averaged over about 2ˡ cells a side, at a place in cells from the middle of the dry border's first.
+    pub(super) fn share_of_level(&self, level: usize, place: DVec2) -> f64 {
+        let levels = self.levels.get_or_init(|| {
+            let mut levels = vec![Level::halved(self.size[0] + 2, &self.extinction)];
+            while let Some(last) = levels.last().filter(|last| last.values.len() > 1) {
+                levels.push(Level::halved(last.width, &last.values));
+            }
+            levels
+        });
+        let level = level.min(levels.len());
+        let (width, values) = match level {
+            0 => (self.size[0] + 2, &self.extinction[..]),
+            _ => (levels[level - 1].width, &levels[level - 1].values[..]),
+        };
+        let edge = (1u64 << level) as f64;
+        let at = (place - 0.5 * (edge - 1.0)) / edge;
+        let (x, y) = (at.x.floor(), at.y.floor());
+        let rows = values.len() / width;
+        if !(x >= -1.0 && y >= -1.0 && x < width as f64 && y < rows as f64) {
+            return 0.0;
+        }
+        let (x, y, u, v) = (x as i64, y as i64, at.x - x, at.y - y);
+        let value = |x: i64, y: i64| {
+            let inside = x >= 0 && y >= 0 && x < width as i64 && y < rows as i64;
+            if inside { f64::from(values[y as usize * width + x as usize]) } else { 0.0 }
+        };
+        let [a, b] = [y, y + 1].map(|y| value(x, y) + (value(x + 1, y) - value(x, y)) * u);
+        a + (b - a) * v
     }
 
     /// Blocks of patches along x and y.

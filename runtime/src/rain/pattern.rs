@@ -196,7 +196,7 @@ impl StreakSet {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::random::Random;
     use crate::shade::streak::tests::every_kind;
@@ -208,7 +208,7 @@ mod tests {
     const ENERGY: f64 = 2e-2;
 
     /// Every kind but the flat window, whose hard border no lattice sums exactly.
-    fn set() -> StreakSet {
+    pub(in crate::rain) fn set() -> StreakSet {
         let mut section = every_kind();
         section.patterns.retain(|streak| match &streak.pattern {
             Pattern::Cosines(cosines) => cosines.window != squall_formats::section::streak::Window::Flat,

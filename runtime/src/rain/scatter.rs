@@ -151,7 +151,7 @@ impl Workspace {
             return Err(RuntimeError::argument("gain", "a finite number from 0", scene.gain));
         }
         let grid = [size[0].div_ceil(TILE[0]), size[1].div_ceil(TILE[1])];
-        self.canvas.draw(camera, scene, &self.streaks, grid, picture);
+        self.canvas.draw(camera, scene, (&self.streaks, PART), grid, picture);
         Ok(())
     }
 }
@@ -161,7 +161,7 @@ impl Canvas {
         &mut self,
         camera: &Camera,
         scene: &Scene<K, L>,
-        streaks: &[Streak],
+        (streaks, part): (&[Streak], usize),
         grid: [usize; 2],
         picture: &mut Picture,
     ) {
@@ -182,7 +182,7 @@ impl Canvas {
                 *band = new();
             }
         }
-        for (number, streaks) in streaks.chunks(PART).enumerate() {
+        for (number, streaks) in streaks.chunks(part).enumerate() {
             self.prepare(camera, scene, streaks, grid, &mut ready);
             self.sort_into_tiles(grid);
             self.paint(camera, scene, &Part { streaks, ready: &ready, is_first: number == 0 }, grid, picture);
@@ -456,3 +456,6 @@ impl DepthLine {
         buffer.planar(x, y, || secants.at(px, py)) * inverse < 1.0
     }
 }
+
+#[cfg(test)]
+mod tests;

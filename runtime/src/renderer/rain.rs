@@ -11,8 +11,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MainLight, MapChoice, Rain, RainField, RainLight, RainMap, RainPath, Scene, Shelter, Shot,
-    SmoothWindow, Workspace,
+    Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene, Shelter,
+    Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -219,7 +219,8 @@ pub fn medium<'a>(
     let full = field.filled_radius(eye).min(field.farthest());
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
-    let outlook = Outlook { camera, volume: field, light: &own, depth };
+    let volume = RainFan::new(field, camera);
+    let outlook = Outlook { camera, volume, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;

@@ -39,6 +39,41 @@ fn a_map_of_numbers_is_stored_as_it_is_and_scaled_where_a_rate_is_given() {
     assert_eq!(scaled.steps, map.steps);
 }
 
+/// A NumPy file of one shape and its numbers' bytes.
+fn npy(descr: &str, shape: &str, values: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(values);
+    bytes
+}
+
+#[test]
+fn a_map_of_a_numpy_array_is_that_of_the_same_numbers() {
+    let rates = [0.0f32, 5.0, 40.0, 10.0, 0.0, 20.0];
+    let keys = "origin_m = [-100.0, 50.0]\ncell_m = 25.0\n";
+    let plain = format!("file = \"map.f32\"\ncells = [3, 2]\n{keys}");
+    let plain = place_of(&plain, &[("map.f32", &numbers(&rates))]).unwrap().map.unwrap();
+    let array = format!("file = \"map.npy\"\n{keys}");
+    let singles = npy("<f4", "(2, 3)", &numbers(&rates));
+    let doubles: Vec<u8> = rates.iter().flat_map(|rate| f64::from(*rate).to_be_bytes()).collect();
+    for file in [singles, npy(">f8", "(2, 3)", &doubles)] {
+        assert_eq!(place_of(&array, &[("map.npy", &file)]).unwrap().map.unwrap(), plain);
+    }
+    for (file, words) in [
+        (npy("<f4", "(2, 3)", &numbers(&[-1.0; 6])), "cell 0 × 0"),
+        (npy("<f4", "(2, 3)", &numbers(&[0.0; 6])), "0 mm/h in every cell"),
+        (npy("<u2", "(1, 5000)", &[0; 10_000]), "at most 4096 cells a side"),
+        (numbers(&rates), "NumPy's .npy"),
+    ] {
+        let error = place_of(&array, &[("map.npy", &file)]).unwrap_err();
+        assert!(error.contains(words), "{error}");
+    }
+    let cells = place_of(&format!("{array}cells = [3, 2]\n"), &[("map.npy", &numbers(&rates))]).unwrap_err();
+    assert!(cells.contains("only a .f32 file leaves its size open"), "{cells}");
+}
+
 #[test]
 fn a_cloud_rains_where_its_columns_hold_water_and_from_its_base() {
     let scene = br#"{"dims_xyz":[3,2,4],"cell_m":[100.0,50.0,200.0],"origin_m":[-150.0,0.0,600.0],

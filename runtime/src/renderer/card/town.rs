@@ -23,11 +23,12 @@ use crate::shade::environment::EnvironmentWindow;
 use crate::shade::sky::Sky;
 use squall_formats::units::Radians;
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 /// The town of an asset on a card.
 pub struct CardTown {
     passes: TownPasses,
-    made_for: Option<MadeFor>,
+    made_for: Option<(MadeFor, Vec<(usize, [f32; 3])>)>,
     is_other: bool,
 }
 
@@ -93,7 +94,9 @@ impl CardTown {
             self.passes.set_targets(gpu, &TownTargets { maps, town, metres });
         }
         let has_map = scene.rain_place.map_of(frame).is_some();
-        let now = Some(MadeFor::of(frame, has_map));
+        // A flicker that no cloud shows is one all the same.
+        let lit = |flash: &LitStroke| (Arc::as_ptr(&flash.stroke) as usize, flash.scale);
+        let now = Some((MadeFor::of(frame, has_map), flashes.iter().map(lit).collect()));
         self.is_other = self.made_for != now;
         self.made_for = now;
         Ok(())
