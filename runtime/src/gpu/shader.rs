@@ -72,6 +72,8 @@ shaders! {
     STREAKS_OVER = "streaks_over" [COMMON, IN_SCATTERING];
     /// What a lens spreads.
     BLOOM = "bloom" [DOUBLED];
+    /// A scene of the caller's.
+    TAKE = "take" [COMMON];
     /// The display's picture.
     TONE = "tone" [COMMON, DOUBLED];
     /// What every pixel's middle sees of the town.
