@@ -8,6 +8,7 @@ mod clock;
 mod compression;
 mod density;
 mod end_to_end;
+mod frame;
 mod lightning;
 mod peers;
 pub mod picture_kernel;
@@ -26,13 +27,14 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
 /// Charts by their ids, in the order of the page, each with the question that it answers.
-pub const CHARTS: [(&str, &str); 8] = [
+pub const CHARTS: [(&str, &str); 9] = [
     ("streaks", "How many cosines does a streak need?"),
     ("density", "How large must the table of counts be?"),
     ("transport", "How finely must light be solved for?"),
     ("lightning-grid", "How many virtual lights does a stroke need?"),
     ("compression", "How many bytes does a response need?"),
     ("end-to-end", "Where does baking start to pay?"),
+    ("frame", "What does a frame cost, and for which part?"),
     ("rain-frame", "What does rain cost a frame?"),
     ("rain-table", "What do rain and lens make of that?"),
 ];
@@ -181,6 +183,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Row>, Bake
             "lightning-grid" => (lightning::sweep(task, progress)?, lightning::PAIRS),
             "compression" => (compression::sweep(task, progress)?, compression::PAIRS),
             "end-to-end" => (end_to_end::sweep(task, progress)?, end_to_end::PAIRS),
+            "frame" => (frame::sweep(task, progress)?, frame::PAIRS),
             "rain-frame" => (rain_frame::sweep(task, progress)?, rain_frame::PAIRS),
             _ => (rain_table::sweep(task, progress)?, rain_table::PAIRS),
         };

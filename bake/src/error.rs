@@ -152,6 +152,8 @@ impl std::error::Error for RecipeError {}
 pub fn runtime_exit_code(error: &RuntimeError) -> u8 {
     match error {
         RuntimeError::Io { source, .. } => io_exit_code(source),
+        // No graphics card, or one that answers no more.
+        RuntimeError::Device { .. } => 4,
         // An asset or an argument that was refused.
         _ => 3,
     }

@@ -21,13 +21,14 @@ const COLUMNS: [&str; 14] = [
     "chosen",
     "baseline",
 ];
-const IDS: [&str; 8] = [
+const IDS: [&str; 9] = [
     "streaks",
     "density",
     "transport",
     "lightning-grid",
     "compression",
     "end-to-end",
+    "frame",
     "rain-frame",
     "rain-table",
 ];

@@ -1,5 +1,6 @@
 //! The command from outside, one module a subject. One program for all, because each is linked with everything.
 
+mod backend;
 mod cache;
 mod camera;
 mod chart;

@@ -83,6 +83,19 @@ impl Default for Streaks {
     }
 }
 
+/// Rows of the picture that lengths of streaks are stated for in real time.
+const STATED_ROWS: f64 = 720.0;
+
+impl Streaks {
+    /// The same streaks where a picture has to be drawn in real time: as long beside a picture of so many rows as these are beside one
+    /// of 720. Drops that are drawn grow with the cube of the picture's height otherwise; what is drawn no longer, the medium takes.
+    #[must_use]
+    pub fn for_rows(self, rows: u32) -> Self {
+        let scale = f64::from(rows) / STATED_ROWS;
+        Self { length_px: self.length_px.map(|length| length * scale), ..self }
+    }
+}
+
 /// How finely a picture is worked out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameQuality {

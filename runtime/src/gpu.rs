@@ -27,21 +27,22 @@ pub(crate) mod rain;
 pub(crate) mod readback;
 pub(crate) mod rows;
 pub(crate) mod shader;
-pub(crate) mod show;
 pub(crate) mod shown;
 pub(crate) mod spots;
+pub(crate) mod take;
 pub(crate) mod targets;
 pub(crate) mod tone;
 pub(crate) mod town;
 pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
+pub use take::CardScene;
 
 use crate::error::RuntimeError;
 use std::future::Future;
 use std::pin::pin;
-use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Waker};
 
 /// Buffers that one storage binding of WebGPU's default limits may hold, bytes.
@@ -64,6 +65,8 @@ pub struct Gpu {
     name: Arc<str>,
     /// Bytes of buffers and textures that are held now.
     pub(crate) held: Arc<AtomicU64>,
+    /// Why the device answers no more, once it doesn't; of a device of our own.
+    lost: Option<Arc<Mutex<Option<String>>>>,
 }
 
 impl Gpu {
@@ -98,7 +101,10 @@ impl Gpu {
         };
         let (device, queue) = adapter.request_device(&descriptor).await.map_err(|error| refused(&error))?;
         let info = adapter.get_info();
-        Ok(Self::new(device, queue, format!("{} ({}, {})", info.name, info.backend, info.driver_info)))
+        let mut own =
+            Self::new(device, queue, format!("{} ({}, {})", info.name, info.backend, info.driver_info));
+        own.watch();
+        Ok(own)
     }
 
     /// Works on a device and a queue of the caller's, and never opens another.
@@ -121,7 +127,25 @@ impl Gpu {
     }
 
     fn new(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        Self { device, queue, name: name.into(), held: Arc::new(AtomicU64::new(0)) }
+        Self { device, queue, name: name.into(), held: Arc::new(AtomicU64::new(0)), lost: None }
+    }
+
+    /// Has a device of our own say when it is lost.
+    fn watch(&mut self) {
+        let lost = Arc::new(Mutex::new(None));
+        let told = lost.clone();
+        self.device.set_device_lost_callback(move |reason, words| {
+            if let Ok(mut told) = told.lock() {
+                *told = Some(format!("{reason:?}: {words}"));
+            }
+        });
+        self.lost = Some(lost);
+    }
+
+    /// Why the device answers no more; nothing while it does, or where it is the caller's, who is told by wgpu.
+    #[must_use]
+    pub fn lost(&self) -> Option<String> {
+        self.lost.as_ref()?.lock().ok()?.clone()
     }
 
     /// What the adapter calls itself, with its interface and driver.

@@ -11,7 +11,7 @@ pub(crate) mod lit_stroke;
 mod rain;
 mod times;
 mod town;
-mod town_rain;
+pub(crate) mod town_rain;
 #[cfg(feature = "gpu")]
 mod weather;
 pub(crate) mod world;

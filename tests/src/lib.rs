@@ -57,6 +57,8 @@ mod front_door;
 mod golden;
 #[cfg(test)]
 mod golden_rain;
+#[cfg(all(test, feature = "gpu"))]
+mod gpu_device;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
@@ -87,6 +89,8 @@ mod spec_growth;
 mod spec_light;
 #[cfg(test)]
 mod stability;
+#[cfg(test)]
+mod streak_optics;
 #[cfg(test)]
 mod streaks;
 #[cfg(test)]

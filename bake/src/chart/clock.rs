@@ -3,7 +3,7 @@
 use super::Cost;
 
 /// Seconds that this thread has worked. Where the system does not count them, seconds of the day.
-fn worked() -> f64 {
+pub fn worked() -> f64 {
     #[cfg(unix)]
     {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);

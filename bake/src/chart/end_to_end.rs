@@ -17,14 +17,17 @@ use glam::DVec3;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis};
 use squall_formats::units::{Degrees, Radians};
-use squall_runtime::Clouds;
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::frame::camera_of;
 use squall_runtime::live::LiveSolver;
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
-use squall_runtime::stroke::Stroke;
+use squall_runtime::shade::cloud::{Billows, CloudMarch, CloudShape, MarchQuality, WideRay, between};
+use squall_runtime::shade::detail::{Detail, DetailParameters};
+use squall_runtime::single_scatter::DirectRays;
+use squall_runtime::stroke::{Segment, Stroke};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
+use squall_runtime::{Clouds, Flash};
 
 const RMSE: &str = "picture, relative RMSE";
 const TIME: &str = "a flash, CPU ms";
@@ -37,6 +40,9 @@ pub const PAIRS: &[(&str, &str)] = &[(RMSE, RELIGHT), (RMSE, TIME), (RMSE, BYTES
 const POINTS: usize = 4;
 const SEED: u64 = 2;
 const REPEATS: usize = 3;
+
+/// Qualities of a frame, and their rays of direct light.
+const FRAMES: [(&str, DirectRays); 2] = [("still", DirectRays::STILL), ("preview", DirectRays::PREVIEW)];
 
 /// A way to store light: series, direct light, basis and codec.
 type Kind = (&'static str, DirectTerm, DirectionalBasis, Codec);
@@ -65,8 +71,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     let kinds = kinds(&scene.settings);
     let refinements: &[u32] = if task.quick { &[1] } else { &[1, 2, 3] };
     let tolerances: &[f64] = if task.quick { &[1e-2] } else { &[0.3, 0.1, 3e-2, 1e-2, 1e-3] };
-    progress
-        .begin("chart end-to-end", (kinds.len() * steps.len() + refinements.len() * tolerances.len()) as u64);
+    let count = kinds.len() * steps.len() + FRAMES.len() + refinements.len() * tolerances.len();
+    progress.begin("chart end-to-end", count as u64);
     let mut points = Vec::new();
     for kind in kinds {
         for &step in steps {
@@ -74,6 +80,11 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             progress.advance(1);
             points.push(shot.baked(kind, step)?);
         }
+    }
+    for (name, rays) in FRAMES {
+        progress.check()?;
+        progress.advance(1);
+        points.push(shot.frame(name, rays)?);
     }
     for &refine in refinements {
         for &tolerance in tolerances {
@@ -127,6 +138,56 @@ impl Shot<'_> {
         point.chosen = step == 1.0 && is_own;
         point.baseline = direct == DirectTerm::InRows && codec == Codec::Paper;
         Ok(point)
+    }
+
+    /// Lit as a frame of the runtime is, from the recipe's own rows: direct light by so many rays, read between cells as scattered
+    /// light is.
+    fn frame(&self, name: &str, rays: DirectRays) -> Result<Point, BakeError> {
+        let (cloud, camera) = (&self.scene.cloud, &self.camera);
+        let grid = self.scene.site().place_lights(self.scene.spacing_m)?;
+        let wanted = touched(&grid, std::slice::from_ref(&self.stroke));
+        let lights = WantedLights { wanted, ..grid };
+        let sources = Sources { lights, distant: Vec::new(), sun: None };
+        let settings = &ResponseSettings { direct: DirectTerm::AtRunTime, ..self.scene.settings };
+        let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
+        let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
+        let one = |light: &PointLight| Segment {
+            from: light.position,
+            to: light.position,
+            order: 0,
+            intensity: light.intensity,
+        };
+        let flash = [Flash::own(Stroke::from_segments(self.stroke.iter().map(one).collect(), [1.0; 3])?)];
+        let shape = CloudShape::new(cloud);
+        let detail = Detail::new(&DetailParameters::default())?;
+        let density = Billows { shape: &shape, detail: &detail, billow: None };
+        let march = CloudMarch::new(cloud, density, MarchQuality::PICTURE);
+        let mut cells = vec![[0.0; 4]; cloud.shape.len()];
+        let draw = || -> Result<Vec<f32>, BakeError> {
+            // One that has kept nothing.
+            let mut clouds = Clouds::new(&asset)?;
+            clouds.set_rays(rays);
+            clouds.radiance(&flash, camera, &mut cells)?;
+            let j: Vec<f32> = cells.iter().map(|cell| cell[0]).collect();
+            let pixel = |at: u32| {
+                let [x, y] = [at % camera.width, at / camera.width].map(|at| f64::from(at) + 0.5);
+                let ray = WideRay::thin(camera.ray(x, y));
+                march.march(&ray, |point| f64::from(between(cloud, &j, point))).radiance as f32
+            };
+            Ok((0..camera.width * camera.height).map(pixel).collect())
+        };
+        let (done, cost) = seconds(REPEATS, draw);
+        let rows = relight_cost(Clouds::new(&asset)?.relighter(), &self.stroke)?;
+        Ok(Point {
+            series: format!("frame, {name}"),
+            setting: format!("frame of quality {name}, {rays:?}"),
+            truth: self.words.clone(),
+            errors: vec![(RMSE, relative_l2(&done?, &self.truth))],
+            costs: vec![(TIME, cost.times(1e3)), (RELIGHT, rows.times(1e3))],
+            bytes: Some(bytes),
+            chosen: false,
+            baseline: false,
+        })
     }
 
     /// Solved on the spot.

@@ -1,5 +1,6 @@
 //! `squall render ASSET -o PICTURE`, or of many frames: `--frames A..B --fps F -o NAME.####.png`
 
+mod backend;
 mod flashes;
 mod layers;
 mod sequence;
@@ -12,6 +13,7 @@ use super::json;
 use super::picture::{Format, PictureFile, Sheet, sky_words};
 use super::progress::Bars;
 use super::sky::SkyArgs;
+use backend::{Backend, Choice};
 use flashes::Timeline;
 use sequence::Sequence;
 use serde_json::{Value, json};
@@ -29,7 +31,7 @@ use squall_runtime::renderer::{FrameReport, Layer};
 use squall_runtime::tone::Tone;
 use squall_runtime::{Camera, Frame, RuntimeError, StormRenderer};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
 #[derive(clap::Args)]
@@ -72,7 +74,8 @@ pub struct Args {
     /// Samples along each side of a pixel of the town, in place of the quality's: 2 of a still picture, 1 of a preview.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: Option<u32>,
-    /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down.
+    /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down, and four more at gain 1 where the
+    /// view's is another.
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
     contact_sheet: bool,
     /// Time that the shutter is open, ms; the view's if left out.
@@ -102,6 +105,12 @@ pub struct Args {
     /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
     layers: Vec<Layer>,
+    /// What draws: the processor, a graphics card, or a card where one can: docs/gpu.md.
+    #[arg(long, value_enum, default_value_t)]
+    backend: Choice,
+    /// Write what the last picture took: ms a part, adapter, bytes (JSON).
+    #[arg(long, value_name = "REPORT")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     weather: weather::Weather,
     /// Print one JSON object instead of words: docs/json.md.
@@ -163,7 +172,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         None => Some(PictureFile::prepare(&args.out, args.format)?),
     };
     let inputs = std::iter::once(&args.asset).chain(&args.scene).chain(&args.camera).chain(&args.keys);
-    folder::check_apart(&[&args.out], inputs)?;
+    let results: Vec<&Path> = std::iter::once(&args.out).chain(&args.report).map(PathBuf::as_path).collect();
+    folder::check_apart(&results, inputs)?;
     let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
     let camera = args.camera.as_deref().map(read_camera).transpose()?;
     let camera = camera.map(|(_, camera)| camera);
@@ -184,17 +194,25 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     let tone = tone_of(&view.tone).brighter(args.stops);
     let bars = args.common.start()?;
+    let asks = (args.report.is_some(), !args.layers.is_empty());
+    let mut backend = Backend::set(args.backend, &mut renderer, asks)?;
     let Some(out) = out else {
-        return draw_frames(&args, &mut renderer, (&frame, &view), &tone, (&bars, start));
+        return draw_frames(&args, (&mut renderer, &mut backend), (&frame, &view), &tone, (&bars, start));
     };
     if args.contact_sheet {
-        bars.begin("pictures", 2 * SHEET_RATES.len() as u64);
-        let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
-        for row in 0..2 {
+        let mut physical = frame.clone();
+        physical.streaks.gain = 1.0;
+        let mut rows = vec![frame.clone().dark(), frame.clone()];
+        if frame.streaks.gain != 1.0 {
+            rows.push(physical);
+        }
+        let count = rows.len() * SHEET_RATES.len();
+        bars.begin("pictures", count as u64);
+        let mut sheet = Sheet::new(SHEET_RATES.len(), rows.len(), view.camera.size_px)?;
+        for (row, frame) in rows.iter().enumerate() {
             for (column, rate) in SHEET_RATES.into_iter().enumerate() {
                 let one = frame.clone().rain(MillimetresPerHour(rate));
-                let one = if row == 0 { one.dark() } else { one };
-                sheet.place(column, row, renderer.render(&one)?);
+                sheet.place(column, row, backend.render(&mut renderer, &one)?);
                 bars.check()?;
                 bars.advance(1);
             }
@@ -203,11 +221,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let seconds = start.elapsed().as_secs_f64();
         let sky = sky_words(&renderer.report());
         let said = sky.as_ref().map_or_else(String::new, |words| format!(", {words}"));
-        bars.say(&format!("{}: 8 pictures{said}, {seconds:.2} s", out.name()));
-        return answer(&args, sheet.picture(), None, (&Value::Null, sky, seconds));
+        bars.say(&format!("{}: {count} pictures{said}, {seconds:.2} s", out.name()));
+        told(&args, &backend, &renderer, &bars)?;
+        return answer(&args, sheet.picture(), (None, count), (&Value::Null, sky, seconds));
     }
     bars.begin("picture", 1);
-    renderer.render(&frame)?;
+    backend.render(&mut renderer, &frame)?;
     if args.layers.is_empty() {
         out.write(renderer.picture(), &tone)?;
     } else {
@@ -215,12 +234,21 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     let (report, seconds) = (renderer.report(), start.elapsed().as_secs_f64());
     bars.say(&out.words(renderer.picture(), &report, seconds));
+    told(&args, &backend, &renderer, &bars)?;
     let heard = view.flashes.iter().map(|flash| {
         let thunder = flashes::thunder(&renderer, &flash.stroke, frame.camera.position)?;
         Ok(json!({ "stroke": flash.stroke, "span_s": null, "return_strokes": [], "thunder": thunder }))
     });
     let heard = heard.collect::<Result<Vec<_>, RuntimeError>>()?;
-    answer(&args, renderer.picture(), Some(&report), (&heard.into(), sky_words(&report), seconds))
+    answer(&args, renderer.picture(), (Some(&report), 1), (&heard.into(), sky_words(&report), seconds))
+}
+
+/// Says who drew, where that is not who was asked, and writes what the last picture took.
+fn told(args: &Args, backend: &Backend, renderer: &StormRenderer, bars: &Bars) -> anyhow::Result<()> {
+    if let Some(words) = backend.words() {
+        bars.say(&words);
+    }
+    args.report.as_deref().map_or(Ok(()), |path| backend.report(path, renderer))
 }
 
 /// Writes one picture's layers. Errors: a name that does not end in .exr; as [`Output::write`].
@@ -236,7 +264,7 @@ fn write_layers(args: &Args, renderer: &StormRenderer, frame: &Frame) -> anyhow:
 /// Draws the frames of a sequence.
 fn draw_frames(
     args: &Args,
-    renderer: &mut StormRenderer,
+    (renderer, backend): (&mut StormRenderer, &mut Backend),
     (frame, view): (&Frame, &ViewSection),
     tone: &Tone,
     (bars, start): (&Bars, std::time::Instant),
@@ -254,7 +282,7 @@ fn draw_frames(
         json::usage("--resume keeps frames that are files of their own, and an animated picture is one file");
     }
     let sequence = Sequence { range, fps, animated, resume: args.resume, out: &args.out, layers };
-    let made = sequence.run(renderer, frame, (&timeline, tone), bars)?;
+    let made = sequence.run((renderer, backend), frame, (&timeline, tone), bars)?;
     let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
     let kept = if made.kept > 0 { format!(" ({} kept)", made.kept) } else { String::new() };
     bars.say(&format!(
@@ -262,6 +290,7 @@ fn draw_frames(
         args.out.display(),
         made.streaks
     ));
+    told(args, backend, renderer, bars)?;
     if !args.json {
         return Ok(());
     }
@@ -287,7 +316,7 @@ fn draw_frames(
 fn answer(
     args: &Args,
     picture: &Picture,
-    report: Option<&FrameReport>,
+    (report, frames): (Option<&FrameReport>, usize),
     (flashes, sky, seconds): (&Value, Option<String>, f64),
 ) -> anyhow::Result<()> {
     if !args.json {
@@ -300,7 +329,7 @@ fn answer(
         "asset": args.asset.to_string_lossy(),
         "picture": args.out.to_string_lossy(),
         "size_px": [picture.width, picture.height],
-        "frames": if report.is_some() { 1 } else { 2 * SHEET_RATES.len() },
+        "frames": frames,
         "lights": count(|report| report.lights),
         "lights_live": count(|report| report.lights_live),
         "sources": count(|report| report.sources),

@@ -26,8 +26,10 @@ const STEPS_DEG: [f64; 8] = [60.0, 45.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0];
 /// The angle where no budget asks, and the same along a path, whose beams are few.
 const USUAL_STEP_DEG: f64 = 20.0;
 const USUAL_PATH_STEP_DEG: f64 = 10.0;
-/// Suns that candidates are tried on, and as many held-out ones.
+/// Suns that candidates are tried on, and as many held-out ones; along a path, where one number says where a sun stands in place of two,
+/// half as many see as much. Each is a direct solve.
 pub const TRIED_SUNS: usize = 8;
+const TRIED_SUNS_OF_PATH: usize = TRIED_SUNS / 2;
 /// Seed of their places, beside their number.
 const SEED: u64 = 0x50_1A12;
 /// What the sun's disc and the width of a cloud add to the dip of the horizon, rad.
@@ -143,20 +145,21 @@ impl Allowed {
     /// Suns of another number, none of them a beam's.
     fn unseen(&self, number: u64) -> Vec<DVec3> {
         let mut random = Random::from_parts(&[SEED, number]);
-        let mut draw = |i: usize| (i as f64 + random.unit()) / TRIED_SUNS as f64;
+        let mut draw = |i: usize, of: usize| (i as f64 + random.unit()) / of as f64;
         match self {
             Self::Sky(lowest) => {
                 let sun = |i: usize| {
                     // Even in elevation: low suns are what pictures are made under, and where light changes fastest.
-                    let elevation = lowest + (std::f64::consts::FRAC_PI_2 - lowest) * draw(i);
-                    let azimuth = 2.0 * std::f64::consts::PI * draw(i * 5 % TRIED_SUNS);
+                    let elevation = lowest + (std::f64::consts::FRAC_PI_2 - lowest) * draw(i, TRIED_SUNS);
+                    let azimuth = 2.0 * std::f64::consts::PI * draw(i * 5 % TRIED_SUNS, TRIED_SUNS);
                     DVec3::from_array(towards_sun(azimuth, elevation))
                 };
                 (0..TRIED_SUNS).map(sun).collect()
             }
             Self::Line(line) if line.len() == 1 => Vec::new(),
-            Self::Line(line) => (0..TRIED_SUNS)
-                .map(|i| line[((draw(i) * line.len() as f64) as usize).min(line.len() - 1)])
+            Self::Line(line) => (0..TRIED_SUNS_OF_PATH)
+                .map(|i| draw(i, TRIED_SUNS_OF_PATH) * line.len() as f64)
+                .map(|at| line[(at as usize).min(line.len() - 1)])
                 .collect(),
         }
     }

@@ -48,6 +48,11 @@ impl Window {
         Self { half_width: PI, bottom: -FRAC_PI_2, top: FRAC_PI_2, columns, rows, ..Self::default() }
     }
 
+    /// 8 × 8 tiles of its map.
+    fn tiles(self) -> u32 {
+        self.columns.div_ceil(8) * self.rows.div_ceil(8)
+    }
+
     /// Where the mirrors of what `camera` sees look.
     fn mirrored(camera: &Camera) -> Self {
         let [columns, rows] = MIRROR_SIZE.map(|count| count as u32);
@@ -87,26 +92,28 @@ impl Blur {
 
 /// The world around the eye.
 pub struct AroundPass {
-    kernels: [Kernel; 6],
+    kernels: [Kernel; 5],
     /// All directions, in the frame's unit: azimuth from −π to π, elevation from −π/2 to π/2, on the outer texels' middles.
     pub around: Image,
-    /// Where mirrors look, in the frame's unit; its window is the one that [`AroundPass::window`] holds.
+    /// Where mirrors look, in the frame's unit; its window is the one that [`AroundPass::windows`] holds second.
     pub mirror: Image,
-    /// The mirrors' window, a uniform buffer.
-    pub window: Held<wgpu::Buffer>,
+    /// Two [`Window`]s, all directions and the mirrors', a uniform buffer.
+    pub windows: Held<wgpu::Buffer>,
     /// What the world is blurred to by each phase function, on the unfolded octahedron, nodes on the outer texels' middles.
     pub blurred: [Image; PHASES],
     /// The [`Around`] of the frame, a storage buffer.
     pub told: Held<wgpu::Buffer>,
+    /// The world's harmonics, four numbers each in the order l² + l + m, a storage buffer.
+    pub harmonics: Held<wgpu::Buffer>,
     blurs: [Held<wgpu::Buffer>; PHASES],
     phases: [Option<Phase>; PHASES],
+    mirror_tiles: u32,
     groups: Groups,
     _buffers: Vec<Held<wgpu::Buffer>>,
 }
 
 struct Groups {
-    around: wgpu::BindGroup,
-    mirror: wgpu::BindGroup,
+    maps: wgpu::BindGroup,
     read: wgpu::BindGroup,
     written: wgpu::BindGroup,
     blurs: [wgpu::BindGroup; PHASES],
@@ -146,10 +153,10 @@ impl AroundPass {
         let around = flat("around", SIZE.map(|count| count as u32));
         let mirror = flat("mirrors' map", MIRROR_SIZE.map(|count| count as u32));
         let blurred = [(); PHASES].map(|()| flat("blurred world", [BLURRED; 2]));
-        let window = gpu.uniform::<Window>("mirrors' window");
-        let whole = gpu.uniform::<Window>("all directions");
-        gpu.write(&whole, &[Window::whole()]);
-        let (rays, told) = (floats("glow", 4 * GLOW_RAYS as usize), floats("around", 12));
+        let windows = gpu.uniform::<[Window; 2]>("windows");
+        let rays = floats("glow", 4 * GLOW_RAYS as usize);
+        // Passes of the weather are told it as uniforms.
+        let told = gpu.buffer("around", 48, Use::STORAGE | Use::UNIFORM | Use::COPY_SRC);
         let basis = Basis::new();
         let table = gpu.storage("Legendre's functions", &legendre(&basis));
         let pairs = (0..=DEGREE).flat_map(|l| (0..=l).map(move |m| (l, m)));
@@ -158,14 +165,13 @@ impl AroundPass {
         let (turned, harmonics) = (floats("rings", 4 * RINGS * WAVES), floats("harmonics", 4 * COUNT));
         let blurs = [(); PHASES].map(|()| gpu.uniform::<Blur>("phase function"));
 
-        let look = gpu.layout("map", &[Slot::Uniform, Slot::Store(LIGHT), Slot::Write]);
+        let slots = [Slot::Uniform, Slot::Store(LIGHT), Slot::Store(LIGHT), Slot::Write];
+        let look = gpu.layout("maps", &slots);
         let read = gpu.layout("what is around", &[Slot::Flat, Slot::Read, Slot::Read, Slot::Read]);
         let written = gpu.layout("what it comes to", &[Slot::Write, Slot::Write, Slot::Write]);
         let blur = gpu.layout("blur", &[Slot::Uniform, Slot::Store(LIGHT)]);
-        let map = |window: &Held<wgpu::Buffer>, image: &Image| {
-            let resources = [window.as_entire_binding(), image.binding(), rays.as_entire_binding()];
-            gpu.group("map", &look, &resources)
-        };
+        let maps =
+            [windows.as_entire_binding(), around.binding(), mirror.binding(), rays.as_entire_binding()];
         let all = [
             around.binding(),
             rays.as_entire_binding(),
@@ -174,8 +180,7 @@ impl AroundPass {
         ];
         let sums = [&turned, &harmonics, &told].map(|buffer| buffer.as_entire_binding());
         let groups = Groups {
-            around: map(&whole, &around),
-            mirror: map(&window, &mirror),
+            maps: gpu.group("maps", &look, &maps),
             read: gpu.group("what is around", &read, &all),
             written: gpu.group("what it comes to", &written, &sums),
             blurs: std::array::from_fn(|i| {
@@ -188,20 +193,33 @@ impl AroundPass {
         let (eyes, sums) = (gpu.module(&LOOK), gpu.module(&AROUND));
         let kernels = [
             gpu.kernel(&eyes, "look_around", &looking),
-            gpu.kernel(&eyes, "follow_glow", &looking),
             gpu.kernel(&sums, "turn_rings", &summing[..3]),
             gpu.kernel(&sums, "project_harmonics", &summing[..3]),
             gpu.kernel(&sums, "blur_harmonics", &summing),
             gpu.kernel(&sums, "sum_glow", &summing[..3]),
         ];
-        let buffers = vec![whole, rays, table, steps, turned, harmonics];
+        let buffers = vec![rays, table, steps, turned];
         let phases = [const { None }; PHASES];
-        Self { kernels, around, mirror, window, blurred, told, blurs, phases, groups, _buffers: buffers }
+        Self {
+            kernels,
+            around,
+            mirror,
+            windows,
+            blurred,
+            told,
+            harmonics,
+            blurs,
+            phases,
+            mirror_tiles: 0,
+            groups,
+            _buffers: buffers,
+        }
     }
 
     /// Tells the next submission where mirrors look and which phase functions ask.
     pub fn set(&mut self, gpu: &Gpu, camera: &Camera, phases: [&Phase; PHASES]) {
-        gpu.write(&self.window, &[Window::mirrored(camera)]);
+        gpu.write(&self.windows, &[Window::whole(), Window::mirrored(camera)]);
+        self.mirror_tiles = Window::mirrored(camera).tiles();
         for (i, phase) in phases.into_iter().enumerate() {
             if self.phases[i].as_ref() != Some(phase) {
                 gpu.write(&self.blurs[i], &[Blur::of(phase)]);
@@ -217,21 +235,15 @@ impl AroundPass {
         (frame, volumes): (&FrameGroup, &Volumes),
         (has_mirrors, phases): (bool, usize),
     ) {
-        let [look, follow, turn, project, blur, glow] = &self.kernels;
+        let [look, turn, project, blur, glow] = &self.kernels;
         let [cloud, light] = &volumes.groups;
         let own = Some(&frame.group);
         let size = |[x, y]: [u32; 2]| [x.div_ceil(8), y.div_ceil(8), 1];
         recorder.pass("around", |pass| {
-            let groups = [own, Some(cloud), Some(light), Some(&self.groups.around)];
-            pass.run(look, &groups, size(SIZE.map(|count| count as u32)));
-            pass.run(follow, &groups, [GLOW_RAYS.div_ceil(64), 1, 1]);
+            let groups = [own, Some(cloud), Some(light), Some(&self.groups.maps)];
+            let mirrors = if has_mirrors { self.mirror_tiles } else { 0 };
+            pass.run(look, &groups, [GLOW_RAYS.div_ceil(64) + Window::whole().tiles() + mirrors, 1, 1]);
         });
-        if has_mirrors {
-            recorder.pass("mirrors", |pass| {
-                let groups = [own, Some(cloud), Some(light), Some(&self.groups.mirror)];
-                pass.run(look, &groups, size(MIRROR_SIZE.map(|count| count as u32)));
-            });
-        }
         recorder.pass("harmonics", |pass| {
             let mut groups = [own, Some(&self.groups.read), Some(&self.groups.written), None];
             pass.run(turn, &groups, [RINGS as u32, 1, 1]);

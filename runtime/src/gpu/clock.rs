@@ -29,6 +29,8 @@ pub struct GpuReport {
     pub passes: Vec<PassTime>,
     /// Bytes of buffers and textures that are held.
     pub bytes_held: u64,
+    /// Whether the device was lost once, and another one took over.
+    pub recovered: bool,
 }
 
 impl GpuReport {
@@ -156,6 +158,22 @@ impl Pass<'_> {
         }
         let [x, y, z] = size;
         self.0.dispatch_workgroups(x, y, z);
+    }
+}
+
+impl Pass<'_> {
+    /// The same with as many workgroups as `counts` says where it begins.
+    pub fn run_indirect(
+        &mut self,
+        kernel: &Kernel,
+        groups: &[Option<&wgpu::BindGroup>],
+        counts: &wgpu::Buffer,
+    ) {
+        self.0.set_pipeline(&kernel.pipeline);
+        for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.is_some()) {
+            self.0.set_bind_group(number as u32, *group, &[]);
+        }
+        self.0.dispatch_workgroups_indirect(counts, 0);
     }
 }
 

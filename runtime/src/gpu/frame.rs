@@ -254,6 +254,10 @@ mod tests {
         );
         assert_layout!(MARCH, Tints { strokes, quiet, pad0, pad1, pad2 });
         assert_layout!(LOOK, Window { heading, half_width, bottom, top, columns, rows, pad0, pad1 });
+        assert_eq!(
+            crate::gpu::shader::tests::layout_of(&LOOK, "Windows").size as usize,
+            2 * size_of::<Window>()
+        );
         assert_layout!(AROUND, Around { mean, sun_open, glow_centre, glow_radius, glow_radiance, pad0 });
         assert_layout!(AROUND, Blur { moments });
     }

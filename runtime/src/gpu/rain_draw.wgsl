@@ -2,6 +2,8 @@
 
 // How far into the body its ends are soft, px at most.
 const ENDS_PX: f32 = 4.0;
+// Gain along over four pixels within which light is linear at a streak's ends too, px.
+const GENTLE: f32 = 0.5;
 const SLOW: f32 = 1e-2;
 const FAINTEST: f32 = 0.1;
 const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
@@ -74,14 +76,15 @@ fn across_at(base: u32, class_at: u32, slant: u32, pixel: i32, reach: i32, node:
     return mix(tables[low], tables[low + lanes], share);
 }
 
-// All products of a streak at a place along it.
-fn along_at(number: u32, along: f32) -> vec4f {
-    let steps = drawn[number].steps;
+// All products of a streak at a place of its table along, and `off` nodes further on as they rise there.
+fn along_at(number: u32, node: f32, off: f32) -> vec4f {
     let size = sizes.along[drawn[number].tables.z];
-    let at = clamp((along + steps.z) * steps.w, 0.0, f32(size.y));
+    let at = clamp(node, 0.0, f32(size.y));
     let low = min(u32(at), size.y - 1u);
     let packet = heads[drawn[number].pattern].tables.y + size.x + low;
-    return mix(tables[packet], tables[packet + 1u], at - f32(low));
+    let here = tables[packet];
+    let rise = tables[packet + 1u] - here;
+    return here + rise * (at - f32(low)) + rise * off;
 }
 
 fn thin_share(number: u32, pixel: vec2i) -> f32 {
@@ -124,23 +127,22 @@ fn thin_share(number: u32, pixel: vec2i) -> f32 {
         across = mix(across, next, shares.y);
     }
     let lanes = f32((2 * reach + 3) / 4 * 4);
-    let along = steps.x * down;
+    let along = steps.x * down + steps.z;
     if abs(steps.y * lanes) < LEVEL {
-        return dot(across, along_at(number, along)) * p.w;
+        return dot(across, along_at(number, along * steps.w, 0.0)) * p.w;
     }
     // As the processor has it: pixel by pixel near the ends, elsewhere linear over four pixels of a line.
-    let begin = along + steps.y * (first + 0.5 - middle);
-    let end = begin + steps.y * lanes;
-    let body = heads[drawn[number].pattern].body.zw * bitcast<f32>(which.w);
+    let body = heads[drawn[number].pattern].body.zw * bitcast<f32>(which.w) + steps.z;
     let counted = f32(place) - first;
-    if min(begin, end) > body.x + ENDS_PX && max(begin, end) < body.y - ENDS_PX {
-        let block = floor(counted / 4.0) * 4.0;
-        let here = along_at(number, begin + steps.y * block);
-        let next = along_at(number, begin + steps.y * (block + 4.0));
-        return dot(across, mix(here, next, (counted - block) / 4.0)) * p.w;
+    let block = floor(counted / 4.0) * 4.0;
+    let block_node = (along + steps.y * (first + block + 2.0 - middle)) * steps.w;
+    let off = (counted - block - 1.5) * steps.y * steps.w;
+    let reach_along = 2.0 * abs(steps.y) + ENDS_PX;
+    let inner = block_node > (body.x + reach_along) * steps.w && block_node < (body.y - reach_along) * steps.w;
+    if inner || abs(4.0 * steps.y) < GENTLE {
+        return dot(across, along_at(number, block_node, off)) * p.w;
     }
-    let values = along_at(number, begin + steps.y * counted);
-    return dot(across, values) * p.w;
+    return dot(across, along_at(number, block_node + off, 0.0)) * p.w;
 }
 
 // Share beyond a soft edge at `distance` pixels past it, and its slope.

@@ -29,6 +29,11 @@ const SPOTS: &str = include_str!("spots.wgsl");
 const DOUBLED: &str = include_str!("doubled.wgsl");
 /// Rays against the town: group 1.
 const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+/// What it is made of; how it is looked at and lit; light between nodes.
+const TOWN_SURFACE: &str = include_str!("town_surface.wgsl");
+const TOWN_VIEW: &str = include_str!("town_view.wgsl");
+const TOWN_LIGHT: &str = include_str!("town_light.wgsl");
+const TOWN_MIX: &str = include_str!("town_mix.wgsl");
 /// The cloud's grid, in group 1.
 const CLOUD: &str = include_str!("cloud.wgsl");
 
@@ -67,8 +72,20 @@ shaders! {
     STREAKS_OVER = "streaks_over" [COMMON, IN_SCATTERING];
     /// What a lens spreads.
     BLOOM = "bloom" [DOUBLED];
+    /// A scene of the caller's.
+    TAKE = "take" [COMMON];
     /// The display's picture.
     TONE = "tone" [COMMON, DOUBLED];
+    /// What every pixel's middle sees of the town.
+    TOWN_LOOK = "town_look" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
+    /// What it is made of.
+    TOWN_MADE = "town_made" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
+    /// Light at nodes.
+    TOWN_NODES = "town_nodes" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT];
+    /// Pixels between them.
+    TOWN_PIXELS = "town_pixels" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_MIX];
+    /// All other pixels.
+    TOWN_REST = "town_rest" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT, TOWN_MIX];
     /// Sums of rows.
     ROWS = "rows" [];
     /// Sums of rows back to light per cell.
@@ -85,8 +102,6 @@ shaders! {
     AROUND = "around" [COMMON];
     /// The town before the sky.
     COMPOSE = "compose" [COMMON, SKY];
-    /// A finished picture onto the caller's texture.
-    SHOW = "show" [COMMON];
 }
 
 #[cfg(test)]

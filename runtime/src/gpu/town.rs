@@ -1,6 +1,13 @@
-//! The town on the card: what rays meet, for shelter, shadows, mirrors and the first hit of every pixel.
+//! The town on the card: what rays meet, for shelter, shadows, mirrors and the first hit of every pixel; and its picture.
 //!
-//! Twin: `crate::shade::town`.
+//! Twin: `crate::shade::town`. [`passes`] draws it: what pixels see is kept while camera and town stand still; light is worked out at
+//! nodes and interpolated within surfaces, as the processor does it.
+
+pub mod light;
+pub mod passes;
+pub mod surface;
+#[cfg(test)]
+mod tests;
 
 use super::Gpu;
 use super::binding::Slot;
@@ -25,35 +32,38 @@ plain! {
 pub struct TownGroup {
     pub layout: wgpu::BindGroupLayout,
     pub group: wgpu::BindGroup,
-    _held: (Held<wgpu::Buffer>, [Held<wgpu::Buffer>; 3]),
+    pub place: Held<wgpu::Buffer>,
+    /// The tree's nodes, boxes, heights of hills.
+    pub lists: [Held<wgpu::Buffer>; 3],
 }
+
+/// Slots of what rays meet.
+pub const RAY_SLOTS: [Slot; 4] = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Read];
 
 impl TownGroup {
     /// Of a town, or of none: then rays meet the flat ground alone.
     pub fn new(gpu: &Gpu, town: Option<&Town>) -> Self {
-        let layout = gpu.layout("town", &[Slot::Uniform, Slot::Read, Slot::Read, Slot::Read]);
+        let layout = gpu.layout("town", &RAY_SLOTS);
         let place = gpu.uniform::<TownPlace>("town");
-        let (own, lists) = match town.map(Town::tables) {
-            Some(tables) => (
-                tables.place,
-                [
-                    gpu.storage("tree over boxes", &tables.nodes),
-                    gpu.storage("boxes", &tables.boxes),
-                    gpu.storage("hills", &tables.heights),
-                ],
-            ),
-            None => (
-                TownPlace::default(),
-                [
-                    gpu.storage::<TownNode>("tree over boxes", &[]),
-                    gpu.storage::<TownBox>("boxes", &[]),
-                    gpu.storage::<f32>("hills", &[]),
-                ],
-            ),
+        let (own, nodes, boxes, heights) = match town.map(Town::tables) {
+            Some(tables) => (tables.place, tables.nodes, tables.boxes, tables.heights),
+            None => (TownPlace::default(), Vec::new(), Vec::new(), Vec::new()),
         };
+        let lists =
+            [gpu.list("tree over boxes", nodes), gpu.list("boxes", boxes), gpu.list("hills", heights)];
         gpu.write(&place, &[own]);
         let [nodes, boxes, heights] = lists.each_ref().map(|list| list.as_entire_binding());
         let group = gpu.group("town", &layout, &[place.as_entire_binding(), nodes, boxes, heights]);
-        Self { layout, group, _held: (place, lists) }
+        Self { layout, group, place, lists }
+    }
+}
+
+impl Gpu {
+    /// A storage buffer of one value at least: a shader's array has no fewer.
+    fn list<T: bytemuck::NoUninit + Default>(&self, label: &str, mut values: Vec<T>) -> Held<wgpu::Buffer> {
+        if values.is_empty() {
+            values.push(T::default());
+        }
+        self.storage(label, &values)
     }
 }

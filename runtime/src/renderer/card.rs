@@ -6,9 +6,11 @@
 
 #[cfg(test)]
 mod tests;
+mod town;
 
 use super::draw::TOWN_M;
 use super::lit_stroke::{CLOUD_M, eye_height};
+use super::weather::{Found, Weather};
 use super::{FrameReport, Memory, Scene, StormRenderer};
 use crate::camera::Camera;
 use crate::clouds::f16_value;
@@ -22,15 +24,20 @@ use crate::gpu::frame::{FrameGroup, FrameUniform};
 use crate::gpu::light::{CloudLights, Tints};
 use crate::gpu::march::MarchPass;
 use crate::gpu::memory::Held;
+use crate::gpu::rain::DrawArguments;
 use crate::gpu::readback::Readback;
-use crate::gpu::show::ShowPass;
+use crate::gpu::take::{CardScene, TakePass};
 use crate::gpu::targets::Targets;
+use crate::gpu::tone::{Developed, TonePasses};
+use crate::gpu::town::surface::check;
 use crate::gpu::volume::Volumes;
 use crate::gpu::{Gpu, GpuReport};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::shade::detail::{Detail, DetailParameters};
 use crate::shade::sky::{Sky, SkyParameters};
+use crate::tone::Tone;
+use town::CardTown;
 
 /// What draws.
 #[derive(Clone, Default)]
@@ -54,7 +61,15 @@ pub(super) struct Card {
     march: MarchPass,
     around: AroundPass,
     compose: ComposePass,
-    show: ShowPass,
+    weather: Weather,
+    town: Option<CardTown>,
+    take: TakePass,
+    /// A scene of the caller's in the town's place, and whether it is bound.
+    scene: Option<(CardScene, bool)>,
+    tone: TonePasses,
+    /// The picture that the tone passes are bound to.
+    shown: Option<([u32; 2], bool)>,
+    drops: Readback,
     targets: Option<Targets>,
     seen: Option<Seen>,
     detail: Option<DetailParameters>,
@@ -84,8 +99,8 @@ struct Seen {
 pub(super) enum Onto<'a> {
     /// Back to the processor.
     Memory,
-    /// A texture of the caller's, as linear light.
-    Light(&'a wgpu::TextureView, wgpu::TextureFormat),
+    /// A texture of the caller's, as linear light, or developed for a display.
+    Texture(&'a wgpu::TextureView, wgpu::TextureFormat, Option<&'a Tone>),
 }
 
 /// What a stored 1 stands for at night, and where strokes flash, W/(m² sr): half precision then reaches from 10⁻⁶ to 10³, and 16
@@ -104,6 +119,7 @@ fn unit_of(brightest: f32, flashes: bool) -> f32 {
 
 impl Card {
     fn new(gpu: &Gpu, scene: &Scene, memory: &Memory) -> Result<Self, RuntimeError> {
+        scene.town.as_ref().map_or(Ok(()), check)?;
         let frame = FrameGroup::new(gpu);
         let (mut cloud, mut nothing) = (None, None);
         let volumes = match (&memory.clouds, &scene.cloud) {
@@ -121,13 +137,23 @@ impl Card {
                 volumes
             }
         };
+        let around = AroundPass::new(gpu, &frame, &volumes);
+        let found = Found { frame: &frame.layout, harmonics: &around.harmonics, told: &around.told };
+        let weather = Weather::new(gpu, scene, found);
+        let town = CardTown::new(gpu, scene, &frame, &weather)?;
         Ok(Self {
             clock: Clock::new(gpu),
             back: Readback::new(gpu),
             march: MarchPass::new(gpu, &frame, &volumes),
-            around: AroundPass::new(gpu, &frame, &volumes),
+            around,
             compose: ComposePass::new(gpu, &frame),
-            show: ShowPass::new(gpu, &frame),
+            weather,
+            town,
+            take: TakePass::new(gpu, &frame.layout),
+            scene: None,
+            tone: TonePasses::new(gpu, &frame.layout),
+            shown: None,
+            drops: Readback::new(gpu),
             gpu: gpu.clone(),
             frame,
             volumes,
@@ -203,9 +229,26 @@ impl Card {
         let undrawn = frame.medium.undrawn(undrawn);
         self.around.set(&gpu, camera, [&drops, undrawn.phase()]);
         let size = [camera.width, camera.height];
-        if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
-            self.targets = Some(Targets::new(&gpu, size));
+        let are_new = self.targets.as_ref().is_none_or(|targets| targets.size != size);
+        if are_new {
+            let targets = Targets::new(&gpu, size);
+            // Without a town nothing stands before the sky.
+            gpu.fill(&targets.town_metres, &vec![NO_END_M; (size[0] * size[1]) as usize]);
+            (self.targets, self.shown) = (Some(targets), None);
         }
+        let Some(targets) = &self.targets else { return Ok(report) };
+        let lit = self.weather.lit_strokes(scene, frame, sky)?;
+        self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
+        self.weather.has_scene = self.scene.is_some();
+        if let Some((own, is_bound)) = &mut self.scene {
+            if are_new || !*is_bound {
+                self.take.set(&gpu, own, targets);
+                *is_bound = true;
+            }
+        } else if let Some(town) = &mut self.town {
+            town.set(&gpu, scene, (frame, sky), &lit, (targets, &self.around, are_new))?;
+        }
+        self.set_tone(&gpu, size, is_wet, onto)?;
         let Some(targets) = &self.targets else { return Ok(report) };
 
         let mut recorder = self.clock.record(self.is_measured);
@@ -218,7 +261,8 @@ impl Card {
             tints,
             had_around: has_around,
         };
-        if is_lit || seen.as_ref() != Some(&now) {
+        let is_other = is_lit || seen.as_ref() != Some(&now);
+        if is_other {
             let same =
                 |seen: &Seen| (&seen.sky, &seen.camera, seen.unit) == (&now.sky, &now.camera, now.unit);
             let is_new = !seen.as_ref().is_some_and(same);
@@ -228,11 +272,22 @@ impl Card {
                 self.around.record(&mut recorder, (&self.frame, &self.volumes), asks);
             }
         }
+        self.weather.record_shown(&mut recorder, &self.frame.group);
+        if self.scene.is_some() {
+            self.take.record(&mut recorder, &self.frame.group, size);
+        } else if let Some(town) = &mut self.town {
+            let groups = [&self.frame.group, &self.weather.group.group];
+            town.record(&gpu, &mut recorder, groups, is_other);
+        }
         self.compose.record(&gpu, &mut recorder, (&self.frame, targets));
+        self.weather.record(&gpu, &mut recorder, &self.frame.group, targets);
         match onto {
-            Onto::Memory => self.back.copy(&mut recorder.encoder, &targets.picture),
-            Onto::Light(view, format) => {
-                self.show.record(&gpu, &mut recorder, (&self.frame, targets), (view, *format));
+            Onto::Memory => {
+                self.back.copy(&mut recorder.encoder, self.weather.picture(targets));
+                self.drops.copy_buffer(&mut recorder.encoder, self.weather.drops());
+            }
+            Onto::Texture(view, format, _) => {
+                self.tone.record(&mut recorder, &self.frame.group, (view, *format));
             }
         }
         recorder.submit();
@@ -240,6 +295,9 @@ impl Card {
         self.report.bytes_held = gpu.bytes_held();
         if let Onto::Memory = onto {
             read(&mut self.back, size, unit, &mut memory.picture)?;
+            if is_wet {
+                report.streaks = self.found()?;
+            }
         }
         if self.is_measured {
             self.report.passes = self.clock.read()?;
@@ -247,6 +305,41 @@ impl Card {
         Ok(report)
     }
 }
+
+impl Card {
+    /// Binds the tone passes to the picture that is shown, and tells them how.
+    fn set_tone(
+        &mut self,
+        gpu: &Gpu,
+        size: [u32; 2],
+        is_wet: bool,
+        onto: &Onto<'_>,
+    ) -> Result<(), RuntimeError> {
+        let (Onto::Texture(_, format, tone), Some(targets)) = (onto, &self.targets) else { return Ok(()) };
+        if self.shown != Some((size, is_wet)) {
+            self.tone.set_picture(gpu, &self.weather.picture(targets).view, size);
+            self.shown = Some((size, is_wet));
+        }
+        let developed = if tone.is_some() { Developed::Signal } else { Developed::Radiance };
+        self.tone.set(gpu, &tone.copied().unwrap_or_default(), (developed, *format))
+    }
+
+    /// How many streaks the last picture has.
+    ///
+    /// Errors: the device is lost; more than there was room for.
+    fn found(&mut self) -> Result<usize, RuntimeError> {
+        let found = self.drops.values::<DrawArguments>()?.first().map_or(0, |told| told.found);
+        let room = self.weather.room();
+        if found > room {
+            let wanted = format!("a frame of at most {room} streaks on a graphics card");
+            return Err(RuntimeError::argument("rain", wanted, found));
+        }
+        Ok(found as usize)
+    }
+}
+
+/// What stands for sky among distances, m.
+const NO_END_M: f32 = 1e30;
 
 /// Reads the picture back, in W/(m² sr).
 fn read(back: &mut Readback, size: [u32; 2], unit: f32, picture: &mut Picture) -> Result<(), RuntimeError> {
@@ -279,6 +372,22 @@ impl StormRenderer {
         Ok(())
     }
 
+    /// Puts a scene of the caller's in the place of the asset's town, until another call says otherwise: sky and cloud are drawn behind
+    /// it, clear air, rain's medium, lamps, channels and streaks before it. The textures are read anew for every frame.
+    ///
+    /// Errors: the processor draws.
+    pub fn set_scene(&mut self, scene: Option<CardScene>) -> Result<(), RuntimeError> {
+        let Some(card) = &mut self.card else {
+            let wanted = "a renderer on a graphics card (StormRenderer::set_backend)";
+            return Err(RuntimeError::argument("backend", wanted, "the processor"));
+        };
+        // What a scene left in the town's pictures goes with them.
+        card.targets = None;
+        card.seen = None;
+        card.scene = scene.map(|scene| (scene, false));
+        Ok(())
+    }
+
     /// Whether a card measures its passes: [`StormRenderer::gpu_report`] then has them, and every frame is waited for.
     pub fn measure(&mut self, is_measured: bool) {
         if let Some(card) = &mut self.card {
@@ -302,19 +411,70 @@ impl StormRenderer {
         view: &wgpu::TextureView,
         format: wgpu::TextureFormat,
     ) -> Result<FrameReport, RuntimeError> {
+        self.draw_into(frame, &Onto::Texture(view, format, None))
+    }
+
+    /// [`StormRenderer::render_into`] developed for a display: the lens's bloom, exposure and curve, sRGB, dither. `format` is that of a
+    /// surface, bgra8 or rgba8, with or without sRGB.
+    ///
+    /// Errors: as there; a format that no picture is shown in.
+    pub fn develop_into(
+        &mut self,
+        frame: &Frame,
+        tone: &Tone,
+        view: &wgpu::TextureView,
+        format: wgpu::TextureFormat,
+    ) -> Result<FrameReport, RuntimeError> {
+        self.draw_into(frame, &Onto::Texture(view, format, Some(tone)))
+    }
+
+    fn draw_into(&mut self, frame: &Frame, onto: &Onto<'_>) -> Result<FrameReport, RuntimeError> {
         frame.check()?;
         let Some(card) = &mut self.card else {
             let wanted = "a renderer on a graphics card (StormRenderer::set_backend)";
             return Err(RuntimeError::argument("backend", wanted, "the processor"));
         };
-        self.report = card.draw(&self.scene, frame, &mut self.memory, &Onto::Light(view, format))?;
+        self.report = card.draw(&self.scene, frame, &mut self.memory, onto)?;
         Ok(self.report)
+    }
+
+    /// Opens another device in place of one of our own that was lost, once.
+    ///
+    /// Errors: the second time; there is no other; as [`StormRenderer::set_backend`].
+    #[cfg(not(target_family = "wasm"))]
+    fn recover(&mut self, error: RuntimeError) -> Result<(), RuntimeError> {
+        let Some(lost) = self.card.as_ref().filter(|card| !card.report.recovered) else { return Err(error) };
+        let is_measured = lost.is_measured;
+        let mut card = Card::new(&Gpu::open()?, &self.scene, &self.memory)?;
+        (card.is_measured, card.report.recovered) = (is_measured, true);
+        self.card = Some(card);
+        Ok(())
+    }
+
+    /// A page opens devices without waiting: there the loss is the caller's to mend.
+    #[cfg(target_family = "wasm")]
+    fn recover(&mut self, error: RuntimeError) -> Result<(), RuntimeError> {
+        Err(error)
+    }
+
+    /// The device that draws.
+    #[cfg(test)]
+    pub(super) fn device(&self) -> Option<&Gpu> {
+        self.card.as_ref().map(|card| &card.gpu)
     }
 
     /// [`StormRenderer::render`] on the card.
     pub(super) fn render_on_card(&mut self, frame: &Frame) -> Result<bool, RuntimeError> {
         let Some(card) = &mut self.card else { return Ok(false) };
-        self.report = card.draw(&self.scene, frame, &mut self.memory, &Onto::Memory)?;
+        let drawn = card.draw(&self.scene, frame, &mut self.memory, &Onto::Memory);
+        self.report = match drawn {
+            Err(error) if card.gpu.lost().is_some() => {
+                self.recover(error)?;
+                let Some(card) = &mut self.card else { return Ok(false) };
+                card.draw(&self.scene, frame, &mut self.memory, &Onto::Memory)?
+            }
+            drawn => drawn?,
+        };
         Ok(true)
     }
 }

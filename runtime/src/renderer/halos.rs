@@ -5,8 +5,8 @@
 //! that thins out counts as rain that ends sooner. A stroke that stands beyond the rain's bounds lights it as a distant light instead
 //! ([`super::rain`]). Walls between a light and the rain are not looked for.
 //!
-//! A halo is smooth but where its light stands and where the scene's depth jumps: it is worked out at the corners of tiles of 8 × 8
-//! pixels where depth and middle of the tile agree with that, and pixel by pixel elsewhere.
+//! A halo is smooth but where its light stands: it is worked out at the corners of tiles of 8 × 8 pixels, for as many depths as the
+//! tile's things need, and lies between them where the tile's middle agrees with that; elsewhere it is worked out pixel by pixel.
 
 #[cfg(feature = "gpu")]
 mod upload;
@@ -30,8 +30,13 @@ const LAMP_RADIUS_M: f64 = 0.15;
 const STROKE_POINTS: usize = 24;
 /// Edge of a tile, px.
 const TILE: usize = 8;
-/// Share by which a tile's middle may differ from the mean of its corners, or from itself at another depth of the tile.
+/// Share by which a tile's middle may differ from what lies between its corners.
 const EVEN: f32 = 0.02;
+/// Logarithm of the ratio of depths between which light counts as growing evenly, and most nodes of a tile.
+const DEPTH_STEP: f32 = 0.4;
+const MOST_DEPTHS: usize = 10;
+/// Optical depth behind which nothing comes to the eye: e^−30 is 10^−13.
+const DEEPEST: f32 = 30.0;
 
 /// How a medium of one phase function spreads light of points; kept from frame to frame.
 pub struct Spreading {
@@ -211,41 +216,38 @@ impl Strip<'_> {
         let (mut near, mut far, mut darkest) = (f32::INFINITY, 0.0f32, [f32::INFINITY; 3]);
         for y in 0..height {
             for at in y * self.width + left..y * self.width + right {
-                (near, far) = (near.min(self.metres[at]), far.max(self.metres[at]));
+                let metres = self.ends(self.metres[at]);
+                (near, far) = (near.min(metres), far.max(metres));
                 (0..3).for_each(|band| darkest[band] = darkest[band].min(self.pixels[at][band]));
             }
         }
+        let Some(depths) = Depths::between(near, far) else { return self.each((left, right), height) };
         let at = |x: f64, y: f64, end: f32| self.halos.radiance(&(self.ray)(x, y), f64::from(end), darkest);
         let (x, y) = ([left as f64, right as f64], [0.0, height as f64]);
-        let middle = |end: f32| at(0.5 * (x[0] + x[1]), 0.5 * y[1], end);
-        let (first, last) = (middle(near), middle(far));
-        let even =
-            |a: &[f32; 3], b: &[f32; 3]| (0..3).all(|band| (a[band] - b[band]).abs() <= EVEN * a[band].abs());
-        let corners = even(&last, &first)
-            .then(|| [at(x[0], y[0], far), at(x[1], y[0], far), at(x[0], y[1], far), at(x[1], y[1], far)]);
-        let mean = |corners: &[[f32; 3]; 4]| {
-            std::array::from_fn(|band| 0.25 * corners.iter().map(|corner| corner[band]).sum::<f32>())
-        };
-        match corners.filter(|corners| even(&last, &mean(corners))) {
-            Some(corners) => self.mix((left, right), height, &corners),
-            None => self.each((left, right), height),
+        let corners =
+            |end: f32| [at(x[0], y[0], end), at(x[1], y[0], end), at(x[0], y[1], end), at(x[1], y[1], end)];
+        let nodes: Vec<[[f32; 3]; 4]> = (0..depths.count).map(|i| corners(depths.node(i))).collect();
+        // The middle of the tile, at the depth midway between two nodes, is where a mixture is farthest off.
+        let end = depths.node_at(0.5 * (depths.count - 1) as f32);
+        let (found, wanted) = (depths.mix(&nodes, end, [0.5; 2]), at(0.5 * (x[0] + x[1]), 0.5 * y[1], end));
+        let is_even = (0..3).all(|band| (found[band] - wanted[band]).abs() <= EVEN * wanted[band].abs());
+        if !is_even {
+            return self.each((left, right), height);
+        }
+        for y in 0..height {
+            for x in left..right {
+                let place = y * self.width + x;
+                let share = [(x - left) as f32 + 0.5, y as f32 + 0.5];
+                let share = [share[0] / (right - left) as f32, share[1] / height as f32];
+                let halo = depths.mix(&nodes, self.ends(self.metres[place]), share);
+                (0..3).for_each(|band| self.pixels[place][band] += halo[band]);
+            }
         }
     }
 
-    /// Adds what lies between a tile's corners.
-    fn mix(&mut self, (left, right): (usize, usize), height: usize, [a, b, c, d]: &[[f32; 3]; 4]) {
-        for y in 0..height {
-            let v = (y as f32 + 0.5) / height as f32;
-            for x in left..right {
-                let u = ((x - left) as f32 + 0.5) / (right - left) as f32;
-                let pixel = &mut self.pixels[y * self.width + x];
-                for band in 0..3 {
-                    let (top, bottom) =
-                        (a[band] + u * (b[band] - a[band]), c[band] + u * (d[band] - c[band]));
-                    pixel[band] += top + v * (bottom - top);
-                }
-            }
-        }
+    /// Where a ray ends as far as halos tell: behind this optical depth nothing comes to the eye.
+    fn ends(&self, metres: f32) -> f32 {
+        metres.min(DEEPEST / self.halos.extinction as f32)
     }
 
     /// Adds the halo of every pixel of a tile.
@@ -258,6 +260,54 @@ impl Strip<'_> {
                 (0..3).for_each(|band| self.pixels[at][band] += halo[band]);
             }
         }
+    }
+}
+
+/// Depths of a tile's things, and nodes between them at equal ratios.
+struct Depths {
+    near: f32,
+    /// Logarithm of the ratio of one node to the one before.
+    step: f32,
+    count: usize,
+}
+
+impl Depths {
+    /// Nodes from `near` to `far`; none where they would be so many that each pixel by itself is cheaper.
+    fn between(near: f32, far: f32) -> Option<Self> {
+        // What stands at the lens has no ratio to anything.
+        let near = near.max(f32::MIN_POSITIVE);
+        let span = libm::logf(far.max(near) / near);
+        let count = 1 + libm::ceilf(span / DEPTH_STEP) as usize;
+        let step = if count > 1 { span / (count - 1) as f32 } else { 0.0 };
+        (count <= MOST_DEPTHS).then_some(Self { near, step, count })
+    }
+
+    fn node(&self, i: usize) -> f32 {
+        self.node_at(i as f32)
+    }
+
+    fn node_at(&self, place: f32) -> f32 {
+        self.near * libm::expf(self.step * place)
+    }
+
+    /// Light at a depth and a share of the tile's width and height, of what its corners have at each node.
+    fn mix(&self, nodes: &[[[f32; 3]; 4]], metres: f32, [u, v]: [f32; 2]) -> [f32; 3] {
+        let corners = |nodes: &[[f32; 3]; 4], band: usize| {
+            let [a, b, c, d] = nodes.map(|corner| corner[band]);
+            let (top, bottom) = (a + u * (b - a), c + u * (d - c));
+            top + v * (bottom - top)
+        };
+        if self.count == 1 {
+            return std::array::from_fn(|band| corners(&nodes[0], band));
+        }
+        let i = ((libm::logf((metres / self.near).max(1.0)) / self.step) as usize).min(self.count - 2);
+        // Light grows with the ray's length and not with its logarithm.
+        let [from, to] = [self.node(i), self.node(i + 1)];
+        let share = ((metres - from) / (to - from)).clamp(0.0, 1.0);
+        std::array::from_fn(|band| {
+            let near = corners(&nodes[i], band);
+            near + share * (corners(&nodes[i + 1], band) - near)
+        })
     }
 }
 

@@ -79,6 +79,11 @@ impl StormRenderer {
     ///
     /// Errors: as [`StormRenderer::render`]; another frame's size.
     pub fn layer(&self, frame: &Frame, layer: Layer) -> Result<LayerPixels, RuntimeError> {
+        #[cfg(feature = "gpu")]
+        if self.card.is_some() && layer != Layer::Beauty {
+            let wanted = "beauty: the processor draws the other layers";
+            return Err(RuntimeError::argument("layer", wanted, layer.name()));
+        }
         let memory = &self.memory;
         let count = memory.picture.pixels.len();
         if (frame.camera.width as usize, frame.camera.height as usize)

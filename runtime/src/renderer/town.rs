@@ -21,7 +21,7 @@ const MOST_BYTES: usize = 256 << 20;
 
 /// What a stroke's light on the town depends on beside the stroke.
 #[derive(Clone, Debug, PartialEq)]
-struct MadeFor {
+pub(super) struct MadeFor {
     camera: Camera,
     sky: SkyParameters,
     quality: Quality,
@@ -30,7 +30,7 @@ struct MadeFor {
 }
 
 impl MadeFor {
-    fn of(frame: &Frame, has_map: bool) -> Self {
+    pub fn of(frame: &Frame, has_map: bool) -> Self {
         let weather = &frame.weather;
         let drift = if has_map { weather.drift } else { DVec3::ZERO };
         let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), drift);
@@ -79,17 +79,8 @@ impl Kept {
         }
         // Those that one pass cannot tell apart go with everything else.
         let beyond = new.split_off(new.len().min(MOST_STROKES));
-        let (mut points, mut images) = (Vec::new(), Vec::new());
-        for flash in
-            flashes.iter().filter(|flash| beyond.iter().any(|other| same(&other.stroke, &flash.stroke)))
-        {
-            points.extend(flash.lights.points.iter().map(|light| scaled(light, flash.scale)));
-            images.extend(flash.lights.images.iter().map(|line| {
-                let intensity = std::array::from_fn(|band| flash.scale[band] * line.intensity[band]);
-                LineLight { intensity, ..*line }
-            }));
-        }
-        let images = Images::from(images);
+        let known = |flash: &&LitStroke| beyond.iter().any(|other| same(&other.stroke, &flash.stroke));
+        let (points, images) = together(flashes.iter().filter(known));
         let strokes: Vec<StrokeLights> = new.iter().map(|flash| flash.lights.clone()).collect();
         let lighting = Lighting { points: &points, images: &images, strokes: &strokes, ..lighting };
         town.render(&frame.camera, &lighting, frame.quality.town, &mut self.frame);
@@ -117,6 +108,19 @@ impl Kept {
 /// Whether two strokes send the same light but for its colour.
 fn same(a: &Arc<Stroke>, b: &Arc<Stroke>) -> bool {
     Arc::ptr_eq(a, b) || a.segments == b.segments
+}
+
+/// Strokes as points and images of their colour and brightness.
+pub(super) fn together<'a>(flashes: impl Iterator<Item = &'a LitStroke>) -> (Vec<SceneLight>, Images) {
+    let (mut points, mut images) = (Vec::new(), Vec::new());
+    for flash in flashes {
+        points.extend(flash.lights.points.iter().map(|light| scaled(light, flash.scale)));
+        images.extend(flash.lights.images.iter().map(|line| {
+            let intensity = std::array::from_fn(|band| flash.scale[band] * line.intensity[band]);
+            LineLight { intensity, ..*line }
+        }));
+    }
+    (points, Images::from(images))
 }
 
 fn scaled(light: &SceneLight, scale: [f32; 3]) -> SceneLight {

@@ -31,7 +31,7 @@ use std::sync::Arc;
 
 /// The passes of one asset's weather.
 pub struct Weather {
-    town: TownGroup,
+    pub town: TownGroup,
     pub group: RainGroup,
     rain: RainPasses,
     shown: ShownPass,
@@ -43,6 +43,8 @@ pub struct Weather {
     placed_for: Option<PlacedFor>,
     strokes: Vec<KeptStroke>,
     rains: bool,
+    /// Whether a scene of the caller's stands in the town's place.
+    pub has_scene: bool,
 }
 
 /// A stroke as it was seen from an eye under a sky: growing it and looking for it through the cloud takes milliseconds.
@@ -58,6 +60,7 @@ struct KeptStroke {
 /// Pictures of one size.
 struct Sized {
     size: [u32; 2],
+    of: wgpu::TextureView,
     layer: Image,
     /// What the medium makes of the picture.
     picture: Image,
@@ -106,6 +109,7 @@ impl Weather {
             placed_for: None,
             strokes: Vec::new(),
             rains: false,
+            has_scene: false,
         }
     }
 
@@ -188,16 +192,17 @@ impl Weather {
 
     fn resize(&mut self, gpu: &Gpu, targets: &Targets) {
         let size = targets.size;
-        if self.sized.as_ref().is_none_or(|sized| sized.size != size) {
+        // Pictures of the same size may be others: their views are kept, and compared.
+        if self.sized.as_ref().is_none_or(|sized| sized.size != size || sized.of != targets.picture.view) {
             let usage = wgpu::TextureUsages::RENDER_ATTACHMENT;
             let kind = (wgpu::TextureDimension::D2, LAYER);
             let layer = gpu.texture("streaks", [size[0], size[1], 1], kind, usage);
             let picture = gpu.picture_target("picture in rain", size);
             let pictures = [&targets.picture, &targets.town_metres, &picture].map(|image| &image.view);
             self.medium.set_targets(gpu, pictures, size);
-            self.spots.set_layer(gpu, &layer.view);
+            self.spots.set_layer(gpu, &layer.view, &targets.town_metres.view);
             self.rain.set_scene(gpu, &targets.town_metres.view);
-            self.sized = Some(Sized { size, layer, picture });
+            self.sized = Some(Sized { size, of: targets.picture.view.clone(), layer, picture });
         }
     }
 
@@ -293,13 +298,20 @@ impl Weather {
                 let spots = channel::spots((flash, number as u32), (camera, sky), scene.cloud_grid());
                 sources.extend(spots);
             }
-            self.spots.set_sources(gpu, &sources, &self.medium.uniform);
+            self.spots.set_sources(gpu, &sources);
             self.placed_for = Some(key);
         }
-        self.spots.set_frame(gpu, &scales, self.rains, scene.town.is_some());
+        self.spots.set_frame(gpu, &scales, [self.rains, scene.town.is_some(), self.has_scene]);
     }
 
-    /// Puts the weather on record, over `targets.picture`.
+    /// Puts on record what rain shows of the world: the town's mirrors look through rain.
+    pub fn record_shown(&self, recorder: &mut Recorder<'_>, frame: &wgpu::BindGroup) {
+        if self.rains {
+            self.shown.record(recorder, frame);
+        }
+    }
+
+    /// Puts the weather on record, over `targets.picture`; after [`Weather::record_shown`].
     pub fn record(
         &mut self,
         gpu: &Gpu,
@@ -313,7 +325,6 @@ impl Weather {
         let Some(sized) = &self.sized else { return };
         let (town, rain) = (&self.town.group, &self.group.group);
         if self.rains {
-            self.shown.record(recorder, frame);
             self.rain.find(gpu, recorder, [frame, town, rain], self.frame.flags[0]);
             self.rain.draw(recorder, [frame, rain], &sized.layer.view);
             self.medium.record(recorder, [frame, rain]);
@@ -334,6 +345,11 @@ impl Weather {
     /// How the draw of streaks was told: how many were found, for whoever reads it back.
     pub fn drops(&self) -> &wgpu::Buffer {
         &self.rain.arguments
+    }
+
+    /// Streaks that there is room for.
+    pub fn room(&self) -> u32 {
+        self.rain.capacity
     }
 
     /// Share of light that the medium left, per pixel.
@@ -364,3 +380,6 @@ fn lamp_spots(scene: &Scene, (frame, sky): (&Frame, &Sky)) -> Vec<SpotSource> {
     };
     lamps.iter().map(spot).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,6 +3,9 @@
 //! Marching a cloud for every mirrored ray would cost more than the picture itself; a few ten thousand rays into a
 //! window of azimuth and elevation, read back bilinearly, cost little and blur nothing that ripples leave sharp.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::adaptive::{self, Spacing};
 use glam::Vec3;
 use squall_formats::units::Radians;

@@ -23,7 +23,7 @@ const MOST: u32 = 1 << 16;
 
 impl DirectRays {
     /// A still picture's.
-    pub const STILL: Self = Self::PerStroke(1 << 17);
+    pub const STILL: Self = Self::PerStroke(1 << 16);
     /// A preview's.
     pub const PREVIEW: Self = Self::PerStroke(1 << 14);
 

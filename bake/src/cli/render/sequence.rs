@@ -1,5 +1,6 @@
 //! `squall render ASSET --frames A..B --fps F -o NAME.####.png`: one process, one opened asset, frame after frame.
 
+use super::backend::Backend;
 use super::flashes::Timeline;
 use super::layers;
 use crate::cli::picture::sky_words;
@@ -92,7 +93,7 @@ impl Sequence<'_> {
     /// Errors: a name without ####, or one that is neither .png nor .exr; as [`StormRenderer::render`]; the system's refusals; an interruption.
     pub fn run(
         &self,
-        renderer: &mut StormRenderer,
+        (renderer, backend): (&mut StormRenderer, &mut Backend),
         still: &Frame,
         (timeline, tone): (&Timeline, &Tone),
         bars: &Bars,
@@ -114,7 +115,7 @@ impl Sequence<'_> {
             let mut frames = Vec::new();
             for number in self.range.first..self.range.end {
                 bars.check()?;
-                renderer.render(&at(number))?;
+                backend.render(renderer, &at(number))?;
                 made.drew(&renderer.report(), bars);
                 frames.push(tone.to_srgb8(renderer.picture()));
                 bars.advance(1);
@@ -133,7 +134,7 @@ impl Sequence<'_> {
                 bars.advance(1);
                 continue;
             }
-            renderer.render(&frame)?;
+            backend.render(renderer, &frame)?;
             made.drew(&renderer.report(), bars);
             let bytes = match form {
                 Form::Png => encode_png8(renderer.picture(), tone)?,

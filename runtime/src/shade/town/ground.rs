@@ -1,5 +1,8 @@
 //! The ground's material: open land, roads with a painted line, puddles, a film of water.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use crate::noise::{Lattice, smoothstep};
 use glam::{Vec2, Vec3};
 use squall_formats::section::town::{Ground, Road};

@@ -3,6 +3,9 @@
 //! A lamp stands still and so does the town, so what it reaches is traced once: the nearest box or hill in 64 × 64 directions,
 //! asked for between four of them. A box is convex: its own faces never shade themselves, whatever the map's steps say.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use super::light::irradiance;
 use super::{Hit, Thing, Town};
 use crate::octahedron::{fold, unfold};
@@ -11,7 +14,7 @@ use crate::shade::town::light::{Lighting, SceneLight};
 use glam::Vec3;
 
 /// Directions along each side of a lamp's map.
-const SIDE: usize = 64;
+pub(super) const SIDE: usize = 64;
 /// A thing this much nearer than a spot is before it, as a share of the distance.
 const NEARER: f32 = 0.02;
 /// Lamps that add less than this share of what a spot has are left out.

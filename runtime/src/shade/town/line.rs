@@ -4,6 +4,9 @@
 //! a normal curve does. Sums at steps well below the curve's width are as good as its integral, so a line takes as many steps as
 //! its image is long in widths, and no gap opens between them.
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 use crate::shade::water::{SMOOTHEST, rippled_highlight};
 use glam::Vec3;
 

@@ -1,7 +1,10 @@
 //! A town as a graphics card traces and lights it.
 
 use super::Town;
+use crate::gpu::town::surface::{TownGround, TownPart, TownWall};
 use crate::gpu::town::{TownBox, TownNode, TownPlace};
+use glam::Vec2;
+use squall_formats::section::town::Block;
 
 /// What rays meet, in flat lists.
 pub struct TownTables {
@@ -11,7 +14,59 @@ pub struct TownTables {
     pub heights: Vec<f32>,
 }
 
+/// What a town is made of, in flat lists.
+pub struct TownMaterials {
+    pub ground: TownGround,
+    /// In the tree's order.
+    pub walls: Vec<TownWall>,
+    /// Roads, then lamps.
+    pub parts: Vec<TownPart>,
+    pub reach: Vec<[u32; 2]>,
+    pub reach_size: [u32; 2],
+}
+
+fn wall(block: &Block) -> TownWall {
+    let mut out = TownWall { albedo: block.albedo, ..TownWall::default() };
+    out.counts[3] = block.height;
+    let Some(windows) = &block.windows else { return out };
+    // Counted here, so that a wall that holds its windows exactly holds as many on any card.
+    let count = |half: f32| {
+        let size = Vec2::new(2.0 * half, block.height);
+        (size / Vec2::from_array(windows.pitch)).floor()
+    };
+    let ([along_y, along_x], tall) = ([block.half[1], block.half[0]].map(|half| count(half).x), count(1.0).y);
+    TownWall {
+        glass: windows.glass,
+        radiance: windows.radiance,
+        seed: windows.seed,
+        pitch: windows.pitch,
+        lit: windows.lit,
+        counts: [along_y, along_x, tall, block.height],
+        ..out
+    }
+}
+
 impl Town {
+    /// How many blocks, nodes of the height map and roads there are.
+    pub(crate) fn counts(&self) -> [usize; 3] {
+        let heights = self.hills.as_ref().map_or(0, |hills| hills.upload(&mut TownPlace::default()).len());
+        [self.blocks.len(), heights, self.material.roads()]
+    }
+
+    /// What it is made of.
+    pub(crate) fn materials(&self) -> TownMaterials {
+        let (mut ground, mut parts) = self.material.upload();
+        let (reach, reach_size) = self.lamp_texels();
+        ground.lamps = self.lamps.len() as u32;
+        ground.maps_across = reach_size[0] / super::lamps::SIDE as u32;
+        parts.extend(self.lamps.iter().map(|lamp| {
+            let ([x, y, z], [r, g, b]) = (lamp.position, lamp.intensity);
+            TownPart { a: [x, y, z, 0.0], b: [r, g, b, r + g + b], c: [0.0; 4] }
+        }));
+        let walls = self.boxes.order().iter().map(|&number| wall(&self.blocks[number as usize])).collect();
+        TownMaterials { ground, walls, parts, reach, reach_size }
+    }
+
     /// What rays meet.
     pub(crate) fn tables(&self) -> TownTables {
         let mut place = TownPlace::default();

@@ -1,0 +1,10 @@
+//! A map of directions as a graphics card's texels.
+
+use super::{Environment, EnvironmentWindow};
+
+impl Environment {
+    /// Which directions it holds; radiances row by row from the bottom.
+    pub(crate) fn texels(&self) -> (EnvironmentWindow, &[[f32; 3]]) {
+        (self.window, &self.pixels)
+    }
+}
