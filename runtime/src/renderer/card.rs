@@ -26,6 +26,7 @@ use crate::gpu::march::MarchPass;
 use crate::gpu::memory::Held;
 use crate::gpu::rain::DrawArguments;
 use crate::gpu::readback::Readback;
+use crate::gpu::take::{CardScene, TakePass};
 use crate::gpu::targets::Targets;
 use crate::gpu::tone::{Developed, TonePasses};
 use crate::gpu::town::surface::check;
@@ -62,6 +63,9 @@ pub(super) struct Card {
     compose: ComposePass,
     weather: Weather,
     town: Option<CardTown>,
+    take: TakePass,
+    /// A scene of the caller's in the town's place, and whether it is bound.
+    scene: Option<(CardScene, bool)>,
     tone: TonePasses,
     /// The picture that the tone passes are bound to.
     shown: Option<([u32; 2], bool)>,
@@ -145,6 +149,8 @@ impl Card {
             compose: ComposePass::new(gpu, &frame),
             weather,
             town,
+            take: TakePass::new(gpu, &frame.layout),
+            scene: None,
             tone: TonePasses::new(gpu, &frame.layout),
             shown: None,
             drops: Readback::new(gpu),
@@ -233,7 +239,13 @@ impl Card {
         let Some(targets) = &self.targets else { return Ok(report) };
         let lit = self.weather.lit_strokes(scene, frame, sky)?;
         self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
-        if let Some(town) = &mut self.town {
+        self.weather.has_scene = self.scene.is_some();
+        if let Some((own, is_bound)) = &mut self.scene {
+            if are_new || !*is_bound {
+                self.take.set(&gpu, own, targets);
+                *is_bound = true;
+            }
+        } else if let Some(town) = &mut self.town {
             town.set(&gpu, scene, (frame, sky), &lit, (targets, &self.around, are_new))?;
         }
         self.set_tone(&gpu, size, is_wet, onto)?;
@@ -261,7 +273,9 @@ impl Card {
             }
         }
         self.weather.record_shown(&mut recorder, &self.frame.group);
-        if let Some(town) = &mut self.town {
+        if self.scene.is_some() {
+            self.take.record(&mut recorder, &self.frame.group, size);
+        } else if let Some(town) = &mut self.town {
             let groups = [&self.frame.group, &self.weather.group.group];
             town.record(&gpu, &mut recorder, groups, is_other);
         }
@@ -355,6 +369,22 @@ impl StormRenderer {
             Backend::Cpu => None,
             Backend::Gpu(gpu) => Some(Card::new(&gpu, &self.scene, &self.memory)?),
         };
+        Ok(())
+    }
+
+    /// Puts a scene of the caller's in the place of the asset's town, until another call says otherwise: sky and cloud are drawn behind
+    /// it, clear air, rain's medium, lamps, channels and streaks before it. The textures are read anew for every frame.
+    ///
+    /// Errors: the processor draws.
+    pub fn set_scene(&mut self, scene: Option<CardScene>) -> Result<(), RuntimeError> {
+        let Some(card) = &mut self.card else {
+            let wanted = "a renderer on a graphics card (StormRenderer::set_backend)";
+            return Err(RuntimeError::argument("backend", wanted, "the processor"));
+        };
+        // What a scene left in the town's pictures goes with them.
+        card.targets = None;
+        card.seen = None;
+        card.scene = scene.map(|scene| (scene, false));
         Ok(())
     }
 

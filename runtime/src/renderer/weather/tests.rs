@@ -166,3 +166,45 @@ fn a_picture_developed_onto_a_texture_of_the_callers_is_the_one_that_is_read_bac
     println!("{rmse:.3} of 255");
     assert!(rmse < LEVELS, "{rmse}");
 }
+
+#[test]
+fn a_scene_of_the_callers_stands_before_the_sky_and_behind_the_rain() {
+    use crate::depth::DepthKind;
+    use crate::gpu::CardScene;
+    let Some(gpu) = test_gpu() else { return };
+    let mut renderer = StormRenderer::new(golden("v4/rain.squall")).unwrap();
+    let (_, frame) = frames(&renderer).swap_remove(2);
+    renderer.set_backend(Backend::Gpu(gpu.clone())).unwrap();
+    let open = renderer.render(&frame).unwrap().clone();
+    // A wall before the left half of the picture, 2 m away, nothing before the right one.
+    let exact = wgpu::TextureFormat::Rgba32Float;
+    let (light, metres) = (
+        gpu.target("light", [160, 90], exact),
+        gpu.target("metres", [160, 90], wgpu::TextureFormat::R32Float),
+    );
+    let left = |i: usize| i % 160 < 80;
+    gpu.fill(&light, &(0..160 * 90).map(|_| [3.0f32, 2.0, 1.0, 1.0]).collect::<Vec<_>>());
+    gpu.fill(
+        &metres,
+        &(0..160 * 90).map(|i| if left(i) { 2.0f32 } else { f32::INFINITY }).collect::<Vec<_>>(),
+    );
+    let scene = CardScene { light: light.view.clone(), metres: metres.view.clone(), kind: DepthKind::Range };
+    renderer.set_scene(Some(scene)).unwrap();
+    let shown = renderer.render(&frame).unwrap().clone();
+    for (i, (shown, open)) in shown.pixels.iter().zip(&open.pixels).enumerate() {
+        match left(i) {
+            // Two metres of air and rain leave all but some thousandths, and few drops are drawn before it.
+            true => {
+                assert!((shown[0] / 3.0 - 1.0).abs() < 0.2 && (shown[2] - 1.0).abs() < 0.3, "{i}: {shown:?}")
+            }
+            false => assert!(
+                (0..3).all(|band| (shown[band] - open[band]).abs() <= 2e-3 * open[band].max(1e-3)),
+                "{i}"
+            ),
+        }
+    }
+    renderer.set_scene(None).unwrap();
+    assert_eq!(renderer.render(&frame).unwrap().pixels.len(), open.pixels.len());
+    let (rmse, _) = apart(&renderer.tone(), renderer.picture(), &open);
+    assert!(rmse < RMSE, "{rmse}");
+}
