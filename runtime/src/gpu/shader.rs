@@ -10,21 +10,6 @@ pub struct Shader {
 impl Shader {
     /// The whole text.
     pub fn source(&self) -> String {
-        if let Ok(dir) = std::env::var("ZZ_WGSL") {
-            let files: Vec<String> = std::fs::read_dir(dir)
-                .unwrap()
-                .filter(|f| f.as_ref().unwrap().path().extension().is_some_and(|e| e == "wgsl"))
-                .map(|f| std::fs::read_to_string(f.unwrap().path()).unwrap())
-                .collect();
-            return self
-                .parts
-                .iter()
-                .map(|part| {
-                    let first = part.lines().next().unwrap();
-                    files.iter().find(|f| f.lines().next().unwrap() == first).unwrap().clone()
-                })
-                .collect();
-        }
         self.parts.concat()
     }
 }
