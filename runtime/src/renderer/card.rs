@@ -228,7 +228,10 @@ impl Card {
         }
         let uniform = sky.uniform(camera, eye_height(camera.position), [CLOUD_M, TOWN_M]);
         let flashes = frame.flashes.iter().any(|flash| flash.brightness > 0.0);
-        let unit = unit_of(uniform.brightest(), [flashes, scene.town.is_some() || self.scene.is_some()]);
+        // No part of a sky is sixteen times as bright as its mean but for the sun's own place.
+        let sky_light = sky.mean_radiance().into_iter().fold(0.0, f32::max);
+        let bright = uniform.brightest().max(16.0 * sky_light);
+        let unit = unit_of(bright, [flashes, scene.town.is_some() || self.scene.is_some()]);
         let is_other_sky = seen.as_ref().is_none_or(|seen| seen.sky != frame.sky);
         self.frame.set(&gpu, &FrameUniform::new(frame, unit));
         self.frame.set_sky(&gpu, &uniform, is_other_sky.then_some(sky));
