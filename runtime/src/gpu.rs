@@ -29,12 +29,14 @@ pub(crate) mod rows;
 pub(crate) mod shader;
 pub(crate) mod shown;
 pub(crate) mod spots;
+pub(crate) mod take;
 pub(crate) mod targets;
 pub(crate) mod tone;
 pub(crate) mod town;
 pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
+pub use take::CardScene;
 
 use crate::error::RuntimeError;
 use std::future::Future;
@@ -63,6 +65,9 @@ pub struct Gpu {
     name: Arc<str>,
     /// Bytes of buffers and textures that are held now.
     pub(crate) held: Arc<AtomicU64>,
+    /// Every pipeline, made once: another renderer on the same device has the same ones, and drivers are spared pipelines that go while
+    /// the device stays, which lavapipe's queue doesn't survive.
+    pub(crate) pipelines: Arc<Mutex<binding::Pipelines>>,
     /// Why the device answers no more, once it doesn't; of a device of our own.
     lost: Option<Arc<Mutex<Option<String>>>>,
 }
@@ -125,7 +130,14 @@ impl Gpu {
     }
 
     fn new(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        Self { device, queue, name: name.into(), held: Arc::new(AtomicU64::new(0)), lost: None }
+        Self {
+            device,
+            queue,
+            name: name.into(),
+            held: Arc::new(AtomicU64::new(0)),
+            pipelines: Arc::default(),
+            lost: None,
+        }
     }
 
     /// Has a device of our own say when it is lost.

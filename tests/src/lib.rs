@@ -90,6 +90,8 @@ mod spec_light;
 #[cfg(test)]
 mod stability;
 #[cfg(test)]
+mod streak_optics;
+#[cfg(test)]
 mod streaks;
 #[cfg(test)]
 mod sun;

@@ -2,7 +2,8 @@
 
 use squall_bake::input::picture::{Grey, read_grey};
 use squall_bake::streak::{self, FitSettings, Method, Source};
-use squall_bake::synth::streak::synth_streak;
+use squall_bake::synth::streak::scene::Scene;
+use squall_bake::synth::streak::{scene_streak, synth_streak};
 use squall_formats::section::streak::StreakPattern;
 use squall_formats::section::streak::StreakSection;
 use squall_runtime::rain::{self, Clip, Footprint, PatternScratch};
@@ -93,6 +94,8 @@ fn compare(pattern: &StreakPattern, kernel: &StreakPlacement, drawn: &[f32], tru
 
 /// Seed of the sample's pictures, and the shortest of them.
 const SAMPLE_SEED: u64 = 2;
+/// Seed of its sets of one light each.
+const SETS_SEED: u64 = 3;
 const SHORTEST: [usize; 3] = [10, 6, 2];
 
 fn sample(index: usize) -> (PathBuf, Grey) {
@@ -115,6 +118,28 @@ fn the_committed_streaks_are_what_their_command_makes() {
     assert_eq!([stored.width, stored.height], [made.width, made.height]);
     let differ = stored.pixels.iter().zip(&made.pixels).filter(|(a, b)| sample(a) != sample(b)).count();
     assert_eq!(differ, 0);
+}
+
+#[test]
+fn the_committed_sets_of_streaks_are_what_their_command_makes_and_what_the_storm_bakes() {
+    let folder = crate::root().join("data/storm/streaks");
+    let sample = |light: &f32| (light * 65_535.0).round() as u16;
+    // The shortest of each set that there is.
+    for (scene, index) in [(Scene::Backlit, 1), (Scene::Overcast, 0), (Scene::Lamp, 1), (Scene::Up, 0)] {
+        let stored = read_grey(&folder.join(format!("{}{index:02}.png", scene.name()))).unwrap();
+        let made = scene_streak(scene, SETS_SEED, index).picture;
+        assert_eq!([stored.width, stored.height], [made.width, made.height]);
+        let differ = stored.pixels.iter().zip(&made.pixels).filter(|(a, b)| sample(a) != sample(b)).count();
+        assert_eq!(differ, 0, "{}", scene.name());
+    }
+    let recipe = std::fs::read_to_string(crate::root().join("data/storm/storm.toml")).unwrap();
+    for file in std::fs::read_dir(folder).unwrap() {
+        let name = file.unwrap().file_name().to_string_lossy().into_owned();
+        assert!(
+            name.starts_with("drop") || recipe.contains(&format!("streaks/{name}")),
+            "{name} is not baked"
+        );
+    }
 }
 
 #[test]

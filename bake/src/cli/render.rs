@@ -74,7 +74,8 @@ pub struct Args {
     /// Samples along each side of a pixel of the town, in place of the quality's: 2 of a still picture, 1 of a preview.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: Option<u32>,
-    /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down.
+    /// Draws a sheet of eight instead: no rain, 2, 25 and 75 mm/h across; flashes off and on down, and four more at gain 1 where the
+    /// view's is another.
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
     contact_sheet: bool,
     /// Time that the shutter is open, ms; the view's if left out.
@@ -199,12 +200,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         return draw_frames(&args, (&mut renderer, &mut backend), (&frame, &view), &tone, (&bars, start));
     };
     if args.contact_sheet {
-        bars.begin("pictures", 2 * SHEET_RATES.len() as u64);
-        let mut sheet = Sheet::new(SHEET_RATES.len(), 2, view.camera.size_px)?;
-        for row in 0..2 {
+        let mut physical = frame.clone();
+        physical.streaks.gain = 1.0;
+        let mut rows = vec![frame.clone().dark(), frame.clone()];
+        if frame.streaks.gain != 1.0 {
+            rows.push(physical);
+        }
+        let count = rows.len() * SHEET_RATES.len();
+        bars.begin("pictures", count as u64);
+        let mut sheet = Sheet::new(SHEET_RATES.len(), rows.len(), view.camera.size_px)?;
+        for (row, frame) in rows.iter().enumerate() {
             for (column, rate) in SHEET_RATES.into_iter().enumerate() {
                 let one = frame.clone().rain(MillimetresPerHour(rate));
-                let one = if row == 0 { one.dark() } else { one };
                 sheet.place(column, row, backend.render(&mut renderer, &one)?);
                 bars.check()?;
                 bars.advance(1);
@@ -214,9 +221,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let seconds = start.elapsed().as_secs_f64();
         let sky = sky_words(&renderer.report());
         let said = sky.as_ref().map_or_else(String::new, |words| format!(", {words}"));
-        bars.say(&format!("{}: 8 pictures{said}, {seconds:.2} s", out.name()));
+        bars.say(&format!("{}: {count} pictures{said}, {seconds:.2} s", out.name()));
         told(&args, &backend, &renderer, &bars)?;
-        return answer(&args, sheet.picture(), None, (&Value::Null, sky, seconds));
+        return answer(&args, sheet.picture(), (None, count), (&Value::Null, sky, seconds));
     }
     bars.begin("picture", 1);
     backend.render(&mut renderer, &frame)?;
@@ -233,7 +240,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Ok(json!({ "stroke": flash.stroke, "span_s": null, "return_strokes": [], "thunder": thunder }))
     });
     let heard = heard.collect::<Result<Vec<_>, RuntimeError>>()?;
-    answer(&args, renderer.picture(), Some(&report), (&heard.into(), sky_words(&report), seconds))
+    answer(&args, renderer.picture(), (Some(&report), 1), (&heard.into(), sky_words(&report), seconds))
 }
 
 /// Says who drew, where that is not who was asked, and writes what the last picture took.
@@ -309,7 +316,7 @@ fn draw_frames(
 fn answer(
     args: &Args,
     picture: &Picture,
-    report: Option<&FrameReport>,
+    (report, frames): (Option<&FrameReport>, usize),
     (flashes, sky, seconds): (&Value, Option<String>, f64),
 ) -> anyhow::Result<()> {
     if !args.json {
@@ -322,7 +329,7 @@ fn answer(
         "asset": args.asset.to_string_lossy(),
         "picture": args.out.to_string_lossy(),
         "size_px": [picture.width, picture.height],
-        "frames": if report.is_some() { 1 } else { 2 * SHEET_RATES.len() },
+        "frames": frames,
         "lights": count(|report| report.lights),
         "lights_live": count(|report| report.lights_live),
         "sources": count(|report| report.sources),

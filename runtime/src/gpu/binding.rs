@@ -5,6 +5,8 @@
 
 use super::Gpu;
 use super::shader::Shader;
+use std::collections::HashMap;
+use std::sync::{MutexGuard, PoisonError};
 
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +74,13 @@ impl Slot {
             _ => wgpu::ShaderStages::COMPUTE | wgpu::ShaderStages::VERTEX_FRAGMENT,
         }
     }
+}
+
+/// The pipelines of a device, by what they are called.
+#[derive(Default)]
+pub struct Pipelines {
+    compute: HashMap<&'static str, wgpu::ComputePipeline>,
+    render: HashMap<String, wgpu::RenderPipeline>,
 }
 
 /// A compute pipeline.
@@ -144,6 +153,9 @@ impl Gpu {
         entry: &'static str,
         groups: &[Option<&wgpu::BindGroupLayout>],
     ) -> Kernel {
+        if let Some(pipeline) = self.pipelines().compute.get(entry) {
+            return Kernel { pipeline: pipeline.clone(), name: entry };
+        }
         let layout = self.pipeline_layout(entry, groups);
         let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(entry),
@@ -156,6 +168,26 @@ impl Gpu {
             },
             cache: None,
         });
+        self.pipelines().compute.insert(entry, pipeline.clone());
         Kernel { pipeline, name: entry }
+    }
+
+    /// The render pipeline of this name, made where there is none yet.
+    pub(crate) fn render_pipeline(
+        &self,
+        name: String,
+        make: impl FnOnce(&wgpu::Device) -> wgpu::RenderPipeline,
+    ) -> wgpu::RenderPipeline {
+        if let Some(pipeline) = self.pipelines().render.get(&name) {
+            return pipeline.clone();
+        }
+        let pipeline = make(&self.device);
+        self.pipelines().render.insert(name, pipeline.clone());
+        pipeline
+    }
+
+    fn pipelines(&self) -> MutexGuard<'_, Pipelines> {
+        // Whoever panicked while it held them left a map that is whole.
+        self.pipelines.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

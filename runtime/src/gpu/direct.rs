@@ -34,6 +34,8 @@ pub struct Point {
     pub pad1: u32,
 }
 
+/// Steps from cloud within which cells get direct light. (direct/skip.rs)
+const AROUND: u8 = 1;
 /// Largest sum of steps in a cell.
 const MOST_STEPS: f64 = 2e9;
 
@@ -42,17 +44,22 @@ pub struct Rays {
     points: Vec<Point>,
     directions: Vec<[f32; 4]>,
     uniform: Direct,
-    most: f32,
 }
 
 impl Rays {
-    /// The rays that [`crate::single_scatter::add_direct`] would follow.
-    pub fn new(cloud: &Cloud, lights: &[PointLight], settings: DirectSettings) -> Self {
-        let counts = settings.rays.of(lights);
+    /// The rays that [`crate::single_scatter::add_direct`] would follow for strokes one after the other, of so many of `lights` each.
+    pub fn new(cloud: &Cloud, lights: &[PointLight], strokes: &[usize], settings: DirectSettings) -> Self {
+        let (mut counts, mut numbers, mut rest) = (Vec::new(), Vec::new(), lights);
+        for &stroke in strokes.iter().chain([&lights.len()]) {
+            let (own, others) = rest.split_at(stroke.min(rest.len()));
+            counts.extend(settings.rays.of(own));
+            numbers.extend(0..own.len() as u64);
+            rest = others;
+        }
         let mut starts: BTreeMap<u32, u32> = BTreeMap::new();
         let (mut directions, mut first) = (Vec::new(), 0u32);
         let mut points = Vec::with_capacity(lights.len());
-        for (number, (light, &count)) in lights.iter().zip(&counts).enumerate() {
+        for ((light, &count), &number) in lights.iter().zip(&counts).zip(&numbers) {
             let direction = *starts.entry(count).or_insert_with(|| {
                 let start = directions.len() as u32;
                 let sphere = (0..count as usize).map(|i| fibonacci(i, count as usize));
@@ -63,7 +70,7 @@ impl Rays {
             points.push(Point {
                 place: (light.position - cloud.origin_m).as_vec3().to_array(),
                 power: (power / cloud.cell_volume()) as f32,
-                turn: random_turn(settings.seed, number as u64).as_quat().to_array(),
+                turn: random_turn(settings.seed, number).as_quat().to_array(),
                 first,
                 direction,
                 ..Point::default()
@@ -73,12 +80,7 @@ impl Rays {
         let most = most_light(cloud, lights);
         let steps = (MOST_STEPS / most).min(f64::from(f32::MAX)) as f32;
         let uniform = Direct { rays: first, points: points.len() as u32, steps, pad0: 0 };
-        Self { points, directions, uniform, most: most as f32 }
-    }
-
-    /// More than any cell's direct light, W/(m² sr).
-    pub fn most(&self) -> f32 {
-        self.most
+        Self { points, directions, uniform }
     }
 
     /// W/(m² sr) that one step stands for.
@@ -89,7 +91,7 @@ impl Rays {
 
 /// More than the direct light of any cell, W/(m² sr): a cell sees the points in it and around it along its whole diagonal and at
 /// the phase function's peak; others fill less than a sphere's 26th part each way.
-fn most_light(cloud: &Cloud, lights: &[PointLight]) -> f64 {
+pub fn most_light(cloud: &Cloud, lights: &[PointLight]) -> f64 {
     let mut around: BTreeMap<[i64; 3], f64> = BTreeMap::new();
     let mut whole = 0.0;
     for light in lights {
@@ -133,7 +135,9 @@ pub struct DirectLight {
 impl DirectPass {
     /// Prepares the asset's cloud; `cloud` is its uniform buffer.
     pub fn new(gpu: &Gpu, relighter: &Relighter, cloud: &wgpu::Buffer) -> Self {
-        let known = relighter.known_cells();
+        // Beyond the first cells around cloud no lookup between centres reads.
+        let (mut known, distances) = (relighter.known_cells(), relighter.cloud_distances());
+        known.iter_mut().zip(distances).for_each(|(known, &steps)| *known &= steps <= AROUND);
         let word = |cells: &[bool]| {
             (0..).zip(cells).fold(0u32, |word, (bit, &known)| word | u32::from(known) << bit)
         };
@@ -207,7 +211,7 @@ mod tests {
     use crate::gpu::test_gpu;
     use crate::load::Asset;
     use crate::random::Random;
-    use crate::single_scatter::{DirectRays, add_direct};
+    use crate::single_scatter::{DirectRays, add_direct_near};
     use glam::DVec3;
 
     #[test]
@@ -238,12 +242,13 @@ mod tests {
             .map(|cell| viewer.direction_from(cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
             .collect();
         let mut wanted = vec![0.0; cloud.shape.len()];
-        add_direct(cloud, relighter.extinction_scale(), &lights, &ways, settings, &mut wanted);
+        let near = (cloud, relighter.extinction_scale(), relighter.cloud_distances());
+        add_direct_near(near, &lights, &ways, settings, &mut wanted);
         let uniform = gpu.uniform::<CloudUniform>("cloud");
         gpu.write(&uniform, &[CloudUniform::new(relighter, DVec3::ZERO).seen_by(cloud, viewer)]);
         let pass = DirectPass::new(&gpu, relighter, &uniform);
         let mut light = pass.light(&gpu);
-        let rays = Rays::new(cloud, &lights, settings);
+        let rays = Rays::new(cloud, &lights, &[], settings);
         pass.set(&gpu, &mut light, &rays);
         let (mut clock, mut back) = (Clock::new(&gpu), Readback::new(&gpu));
         let mut run = || -> Vec<i32> {

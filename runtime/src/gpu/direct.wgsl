@@ -24,13 +24,16 @@ struct Point {
 }
 
 @group(1) @binding(1) var<storage, read> extinctions: array<f32>;
-// A bit a cell: whether anybody sees it.
+// A bit a cell: whether anybody sees it, and it is cloud or beside some.
 @group(1) @binding(2) var<storage, read> seen: array<u32>;
 
 @group(2) @binding(0) var<uniform> direct: Direct;
 @group(2) @binding(1) var<storage, read> points: array<Point>;
 @group(2) @binding(2) var<storage, read> directions: array<vec4f>;
 @group(2) @binding(3) var<storage, read_write> sums: array<atomic<i32>>;
+
+// Share of a ray's light that it ends with. (single_scatter.rs)
+const LEAST: f32 = 1e-4;
 
 fn turned(q: vec4f, v: vec3f) -> vec3f {
     let t = 2.0 * cross(q.xyz, v);
@@ -130,7 +133,7 @@ fn follow_rays(@builtin(global_invocation_id) id: vec3u) {
                 let steps = i32(floor(j * point.power * direct.steps + dither(ray, index)));
                 if steps != 0 { atomicAdd(&sums[index], steps); }
             }
-            if scaled <= 1e-13 { return; }
+            if scaled <= LEAST { return; }
             at = to;
         }
         if to >= stop { return; }

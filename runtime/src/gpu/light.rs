@@ -8,7 +8,7 @@ use super::Gpu;
 use super::binding::{Kernel, Slot};
 use super::clock::Recorder;
 use super::cloud::{CloudUniform, counts};
-use super::direct::{DirectLight, DirectPass, Rays};
+use super::direct::{DirectLight, DirectPass, Rays, most_light};
 use super::haar::{HaarPass, RowLight};
 use super::memory::{Held, Image};
 use super::rows::{RowSum, Rows};
@@ -361,16 +361,16 @@ impl CloudLights {
                 channel.is_solved = matches!(parts.scattered, Scattered::Values(_));
                 channel.sum.set(gpu, &self.rows, &parts.scattered);
                 let settings = DirectSettings { rays: bundle.rays, ..DirectSettings::default() };
-                let rays = Rays::new(clouds.cloud(), &parts.direct, settings);
-                let all = Rays::new(
-                    clouds.cloud(),
-                    &lights,
-                    DirectSettings { rays: DirectRays::PerPoint(1), ..settings },
-                );
+                // Each stroke sends its own rays, whoever shares its channel.
+                let strokes: Vec<usize> =
+                    bundle.parts.iter().map(|(stroke, _)| stroke.lights(0.0).len()).collect();
+                let is_whole = parts.direct.len() == lights.len();
+                let strokes = if is_whole { strokes.as_slice() } else { &[] };
+                let rays = Rays::new(clouds.cloud(), &parts.direct, strokes, settings);
                 self.direct.set(gpu, &mut channel.direct, &rays);
                 channel.step = rays.step();
                 // Half precision holds 9 decades above its smallest normal number: the brightest cell takes the uppermost.
-                channel.scale = power_of_two(HALF_LARGEST / all.most());
+                channel.scale = power_of_two(HALF_LARGEST / most_light(clouds.cloud(), &lights) as f32);
                 channel.report = parts.report;
                 channel.bundle = Some(bundle);
             } else {
@@ -644,7 +644,10 @@ pub(crate) mod tests {
                 let (Ok(wanted_report), Ok(report)) = (wanted_report, report) else { panic!("{name}") };
                 assert_eq!((report.sun, report.sky_missing), (wanted_report.sun, wanted_report.sky_missing));
                 let found = cells(&gpu, &mut lights);
-                let known = clouds.relighter().known_cells();
+                // Cells that a march reads.
+                let mut known = clouds.relighter().known_cells();
+                let distances = clouds.relighter().cloud_distances();
+                known.iter_mut().zip(distances).for_each(|(known, &steps)| *known &= steps <= 1);
                 let (mut off, mut all) = (0.0, 0.0);
                 for cell in (0..found.len()).filter(|&cell| known[cell]) {
                     off += f64::from((found[cell] - wanted[cell].truncate()).length_squared());

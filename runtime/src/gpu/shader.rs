@@ -10,21 +10,6 @@ pub struct Shader {
 impl Shader {
     /// The whole text.
     pub fn source(&self) -> String {
-        if let Ok(dir) = std::env::var("ZZ_WGSL") {
-            let files: Vec<String> = std::fs::read_dir(dir)
-                .unwrap()
-                .filter(|f| f.as_ref().unwrap().path().extension().is_some_and(|e| e == "wgsl"))
-                .map(|f| std::fs::read_to_string(f.unwrap().path()).unwrap())
-                .collect();
-            return self
-                .parts
-                .iter()
-                .map(|part| {
-                    let first = part.lines().next().unwrap();
-                    files.iter().find(|f| f.lines().next().unwrap() == first).unwrap().clone()
-                })
-                .collect();
-        }
         self.parts.concat()
     }
 }
@@ -87,6 +72,8 @@ shaders! {
     STREAKS_OVER = "streaks_over" [COMMON, IN_SCATTERING];
     /// What a lens spreads.
     BLOOM = "bloom" [DOUBLED];
+    /// A scene of the caller's.
+    TAKE = "take" [COMMON];
     /// The display's picture.
     TONE = "tone" [COMMON, DOUBLED];
     /// What every pixel's middle sees of the town.

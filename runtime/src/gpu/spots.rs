@@ -42,7 +42,10 @@ pub struct SpotPasses {
     uniform: Held<wgpu::Buffer>,
     sources: Held<wgpu::Buffer>,
     placed: Held<wgpu::Buffer>,
-    groups: [wgpu::BindGroup; 2],
+    groups: Option<[wgpu::BindGroup; 2]>,
+    /// How far what stands before spots is, and the medium's uniforms.
+    metres: Option<wgpu::TextureView>,
+    medium: wgpu::Buffer,
     layer: Option<wgpu::BindGroup>,
     count: u32,
     room: usize,
@@ -56,7 +59,8 @@ impl SpotPasses {
         rain: &RainGroup,
         medium: &wgpu::Buffer,
     ) -> Self {
-        let place_layout = gpu.layout("spots", &[Slot::Uniform, Slot::Read, Slot::Write, Slot::Uniform]);
+        let place_layout =
+            gpu.layout("spots", &[Slot::Uniform, Slot::Read, Slot::Write, Slot::Uniform, Slot::Exact]);
         let draw_layout = gpu.layout("spots drawn", &[Slot::Read]);
         let layer_layout = gpu.layout("layer of streaks", &[Slot::Flat]);
         let module = gpu.module(&SPOTS_PLACE);
@@ -82,7 +86,6 @@ impl SpotPasses {
         );
         let uniform = gpu.uniform::<SpotFrame>("spots");
         let (sources, placed) = room(gpu, FEW);
-        let own = bound(gpu, [&place_layout, &draw_layout], [&uniform, &sources, &placed, medium]);
         Self {
             place,
             draw,
@@ -93,7 +96,9 @@ impl SpotPasses {
             uniform,
             sources,
             placed,
-            groups: own,
+            groups: None,
+            metres: None,
+            medium: medium.clone(),
             layer: None,
             count: 0,
             room: FEW,
@@ -101,37 +106,52 @@ impl SpotPasses {
     }
 
     /// The spots of the next frames.
-    pub fn set_sources(&mut self, gpu: &Gpu, sources: &[SpotSource], medium: &wgpu::Buffer) {
+    pub fn set_sources(&mut self, gpu: &Gpu, sources: &[SpotSource]) {
         if sources.len() > self.room {
             self.room = sources.len().next_power_of_two();
             (self.sources, self.placed) = room(gpu, self.room);
-            let buffers: [&wgpu::Buffer; 4] = [&self.uniform, &self.sources, &self.placed, medium];
-            self.groups = bound(gpu, [&self.place_layout, &self.draw_layout], buffers);
+            self.bind(gpu);
         }
         self.count = sources.len() as u32;
         gpu.write(&self.sources, sources);
     }
 
-    /// Brightness of every stroke in the next frame, whether it rains and whether a town may stand before spots.
-    pub fn set_frame(&mut self, gpu: &Gpu, strokes: &[[f32; 3]], rains: bool, has_town: bool) {
+    /// Brightness of every stroke in the next frame; whether it rains, whether a town and whether a scene of the caller's may stand
+    /// before spots.
+    pub fn set_frame(&mut self, gpu: &Gpu, strokes: &[[f32; 3]], [rains, has_town, has_scene]: [bool; 3]) {
         let mut uniform = SpotFrame::default();
-        uniform.counts = [self.count, u32::from(rains), u32::from(has_town), 0];
+        uniform.counts = [self.count, u32::from(rains), u32::from(has_town), u32::from(has_scene)];
         for (slot, [r, g, b]) in uniform.strokes.iter_mut().zip(strokes) {
             *slot = [*r, *g, *b, 0.0];
         }
         gpu.write(&self.uniform, &[uniform]);
     }
 
-    /// Binds the layer of streaks.
-    pub fn set_layer(&mut self, gpu: &Gpu, layer: &wgpu::TextureView) {
+    /// Binds the layer of streaks, and the metres to what stands before spots.
+    pub fn set_layer(&mut self, gpu: &Gpu, layer: &wgpu::TextureView, metres: &wgpu::TextureView) {
+        self.metres = Some(metres.clone());
+        self.bind(gpu);
         let layer = wgpu::BindingResource::TextureView(layer);
         self.layer = Some(gpu.group("layer of streaks", &self.layer_layout, &[layer]));
     }
 
+    fn bind(&mut self, gpu: &Gpu) {
+        let Some(metres) = &self.metres else { return };
+        let [uniform, sources, placed, medium] =
+            [&*self.uniform, &*self.sources, &*self.placed, &self.medium]
+                .map(wgpu::Buffer::as_entire_binding);
+        let metres = wgpu::BindingResource::TextureView(metres);
+        let all = [uniform, sources, placed.clone(), medium, metres];
+        self.groups = Some([
+            gpu.group("spots", &self.place_layout, &all),
+            gpu.group("spots drawn", &self.draw_layout, &[placed]),
+        ]);
+    }
+
     /// Places the spots.
     pub fn place(&self, recorder: &mut Recorder<'_>, [frame, town, rain]: [&wgpu::BindGroup; 3]) {
-        if self.count > 0 {
-            let groups = [frame, town, rain, &self.groups[0]];
+        if let Some([own, _]) = self.groups.as_ref().filter(|_| self.count > 0) {
+            let groups = [frame, town, rain, own];
             let size = [self.count.div_ceil(64), 1, 1];
             recorder.compute("place lights", &[Dispatch { kernel: &self.place, groups: &groups, size }]);
         }
@@ -157,9 +177,9 @@ impl SpotPasses {
         };
         recorder.draw("lights and streaks", &[Some(target)], |pass| {
             pass.set_bind_group(0, frame, &[]);
-            if self.count > 0 {
+            if let Some([_, own]) = self.groups.as_ref().filter(|_| self.count > 0) {
                 pass.set_pipeline(&self.draw);
-                pass.set_bind_group(1, &self.groups[1], &[]);
+                pass.set_bind_group(1, own, &[]);
                 pass.draw(0..6, 0..self.count);
             }
             if let Some(layer) = layer {
@@ -178,15 +198,6 @@ fn room(gpu: &Gpu, spots: usize) -> (Held<wgpu::Buffer>, Held<wgpu::Buffer>) {
     (sources, gpu.buffer("spots", bytes(size_of::<Spot>()), Use::STORAGE | Use::COPY_SRC))
 }
 
-fn bound(
-    gpu: &Gpu,
-    [place, draw]: [&wgpu::BindGroupLayout; 2],
-    [uniform, sources, placed, medium]: [&wgpu::Buffer; 4],
-) -> [wgpu::BindGroup; 2] {
-    let all = [uniform, sources, placed, medium].map(wgpu::Buffer::as_entire_binding);
-    [gpu.group("spots", place, &all), gpu.group("spots drawn", draw, &[placed.as_entire_binding()])]
-}
-
 /// A pipeline that blends over a picture.
 fn over_picture(
     gpu: &Gpu,
@@ -199,7 +210,8 @@ fn over_picture(
         blend: Some(wgpu::BlendState { color: blend, alpha: blend }),
         write_mask: wgpu::ColorWrites::COLOR,
     };
-    gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    let targets = [Some(target)];
+    let descriptor = wgpu::RenderPipelineDescriptor {
         label: Some(fragment),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -215,9 +227,10 @@ fn over_picture(
             module,
             entry_point: Some(fragment),
             compilation_options: Default::default(),
-            targets: &[Some(target)],
+            targets: &targets,
         }),
         multiview_mask: None,
         cache: None,
-    })
+    };
+    gpu.render_pipeline(fragment.into(), |device| device.create_render_pipeline(&descriptor))
 }

@@ -4,6 +4,7 @@
 @group(3) @binding(1) var<storage, read> sources: array<SpotSource>;
 @group(3) @binding(2) var<storage, read_write> placed: array<Spot>;
 @group(3) @binding(3) var<uniform> medium: MediumFrame;
+@group(3) @binding(4) var scene_distance: texture_2d<f32>;
 
 @compute @workgroup_size(64)
 fn place_spots(@builtin(global_invocation_id) id: vec3u) {
@@ -30,6 +31,15 @@ fn place_spots(@builtin(global_invocation_id) id: vec3u) {
     }
     if spots.counts.z != 0u && town_is_blocked(frame.position, source.position) {
         return;
+    }
+    if spots.counts.w != 0u {
+        let pixel = vec2i(floor(at.xy));
+        if all(pixel >= vec2i(0)) && all(pixel < vec2i(i32(frame.width), i32(frame.height))) {
+            let before = textureLoad(scene_distance, pixel, 0).x;
+            if before > 0.0 && before < metres {
+                return;
+            }
+        }
     }
     var light = source.light * left;
     if !is_lamp {

@@ -22,12 +22,8 @@ const HALF_A_DIGIT: f32 = 2.9e-8;
 const LAMP_MAP: f32 = 64.0;
 const NEARER: f32 = 0.02;
 const LEAST_LAMP: f32 = 1e-4;
-// Lines in a ball; steps of a highlight; where one ends. (shade/town/line.rs)
+// Lines in a ball. (shade/town/line.rs)
 const TOGETHER: u32 = 8u;
-const STEP: f32 = 0.8;
-const ANGLE_STEPS: f32 = 16.0;
-const MOST_STEPS: f32 = 64.0;
-const REACH: f32 = 7.1;
 // The medium of rain of which nothing is drawn, in in_scattering.wgsl.
 const UNDRAWN: i32 = 2;
 
@@ -206,14 +202,14 @@ fn line_highlight(which: TownSource, point: vec3f, normal: vec3f, to_viewer: vec
     let a = slope_of(which.start, point, normal, to_viewer);
     let b = slope_of(which.end, point, normal, to_viewer);
     if a.w + b.w == 0.0 { return 0.0; }
-    var steps = MOST_STEPS;
+    var steps = view.steps.z;
     if a.w + b.w == 2.0 {
         let way = b.xyz - a.xyz;
         let size = length(way);
         let nearest = a.xyz + way * clamp(-dot(a.xyz, way) / max(size * size, 1e-30), 0.0, 1.0);
-        if length(nearest) > REACH * slope + 0.25 * size { return 0.0; }
+        if length(nearest) > view.steps.w * slope + 0.25 * size { return 0.0; }
         let angle = distance(which.start, which.end) / distance(0.5 * (which.start + which.end), point);
-        steps = clamp(ceil(size / (STEP * slope) + ANGLE_STEPS * angle), 1.0, MOST_STEPS);
+        steps = clamp(ceil(size / (view.steps.x * slope) + view.steps.y * angle), 1.0, view.steps.z);
     }
     var sum = 0.0;
     for (var i = 0.0; i < steps; i += 1.0) {
@@ -236,7 +232,7 @@ fn has_no_image(ball: TownSource, point: vec3f, normal: vec3f, to_viewer: vec3f,
     let least = up - e;
     if least <= 1e-3 { return false; }
     let apart = 2.0 * e / least * (1.0 + (across + e) / least);
-    return (across - e) / (up + e) > 1.01 * (REACH * max(slope, SMOOTHEST) + 0.25 * apart);
+    return (across - e) / (up + e) > 1.01 * (view.steps.w * max(slope, SMOOTHEST) + 0.25 * apart);
 }
 
 fn is_lost(share: f32, light: vec3f, sum: vec3f) -> bool {

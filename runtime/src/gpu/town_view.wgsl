@@ -5,6 +5,8 @@ struct TownView {
     counts: vec4u,
     // Lines whose image stands in water.
     lines: vec4u,
+    // Their steps: as a share of a highlight's width, per radian, at most; widths at which a highlight ends.
+    steps: vec4f,
     // How much light may differ between nodes; angle of a pixel, rad, 0 where rays are parallel; width of a pixel there, m;
     // extinction of rain, 1/m.
     measures: vec4f,

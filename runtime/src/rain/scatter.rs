@@ -6,15 +6,17 @@
 //! streaks is gathered before they are drawn, so that memory is waited for once and not streak by streak. Long lists are drawn in
 //! parts, one after the other, so that memory is bounded; a pixel sees the same streaks in the same order.
 
+mod hidden;
 mod lay;
 
-use super::kernel::{Clip, Footprint, Kernel, Ribbon};
+use super::kernel::{Clip, Kernel, Ribbon};
 use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
+use hidden::{DepthLine, Reach, Seen};
 use lay::Under;
 use std::any::Any;
 
@@ -361,6 +363,11 @@ impl<K: Kernel, L> Brush<'_, K, L> {
     }
 
     fn paint_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], clip: Clip) {
+        if mine.is_empty() {
+            return;
+        }
+        let reach =
+            self.scene.depth.as_ref().map_or(Reach::OPEN, |buffer| Reach::new(buffer, self.secants, clip));
         for at in 0..self.band.near.len() {
             let Band { scratch, ribbon, near } = &mut *self.band;
             let Ready { placed, strength, colour } = near[at];
@@ -370,8 +377,10 @@ impl<K: Kernel, L> Brush<'_, K, L> {
                 self.paint_spans(streak, &placed, clip, (strength, colour));
                 continue;
             }
-            if self.scene.depth.is_some() {
-                self.hide(&part.streaks[mine[at] as usize], clip);
+            match self.scene.depth.is_some().then(|| reach.of(&part.streaks[mine[at] as usize])) {
+                Some(Seen::Nowhere) => continue,
+                Some(Seen::InPlaces) => self.hide(&part.streaks[mine[at] as usize], clip),
+                Some(Seen::Everywhere) | None => {}
             }
             let mut under = Under { pixels: self.pixels, mask: self.mask, width: self.width, top: self.top };
             under.lay_ribbon(&self.band.ribbon, clip, strength, colour);
@@ -429,31 +438,6 @@ impl<K: Kernel, L> Brush<'_, K, L> {
                 }
             }
         }
-    }
-}
-
-/// Inverse depth along a streak: linear in the picture.
-struct DepthLine {
-    centre: [f64; 2],
-    axis: [f64; 2],
-    half: f64,
-    middle: f64,
-    rise: f64,
-}
-
-impl DepthLine {
-    fn new(streak: &Streak, footprint: &Footprint) -> Self {
-        let Footprint { centre, axis, length, .. } = *footprint;
-        let [a, b] = streak.end_depths.map(|depth| 1.0 / f64::from(depth));
-        let rise = if length > 0.0 { (b - a) / length } else { 0.0 };
-        Self { centre, axis, half: 0.5 * length, middle: 0.5 * (a + b), rise }
-    }
-
-    fn hidden(&self, secants: &Secants, buffer: &DepthBuffer, x: usize, y: usize) -> bool {
-        let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-        let along = (px - self.centre[0]) * self.axis[0] + (py - self.centre[1]) * self.axis[1];
-        let inverse = self.middle + self.rise * along.clamp(-self.half, self.half);
-        buffer.planar(x, y, || secants.at(px, py)) * inverse < 1.0
     }
 }
 

@@ -26,6 +26,7 @@ use crate::gpu::march::MarchPass;
 use crate::gpu::memory::Held;
 use crate::gpu::rain::DrawArguments;
 use crate::gpu::readback::Readback;
+use crate::gpu::take::{CardScene, TakePass};
 use crate::gpu::targets::Targets;
 use crate::gpu::tone::{Developed, TonePasses};
 use crate::gpu::town::surface::check;
@@ -62,6 +63,9 @@ pub(super) struct Card {
     compose: ComposePass,
     weather: Weather,
     town: Option<CardTown>,
+    take: TakePass,
+    /// A scene of the caller's in the town's place, and whether it is bound.
+    scene: Option<(CardScene, bool)>,
     tone: TonePasses,
     /// The picture that the tone passes are bound to.
     shown: Option<([u32; 2], bool)>,
@@ -106,9 +110,19 @@ const FLASH_UNIT: f32 = 0.25;
 /// The sun's disc takes at most this of half precision's largest number.
 const DISC: f32 = 32_768.0;
 
-/// The frame's unit: a power of two.
-fn unit_of(brightest: f32, flashes: bool) -> f32 {
-    let least = if flashes { FLASH_UNIT } else { NIGHT_UNIT };
+/// Where nothing shines but the sky, its brightest takes at most this share of half precision's normal numbers.
+const SKY_ALONE: f32 = 4096.0;
+
+/// The frame's unit: a power of two. `lights` are lamps, windows or a scene of the caller's.
+fn unit_of(brightest: f32, [flashes, lights]: [bool; 2]) -> f32 {
+    let least = match (flashes, lights) {
+        (true, _) => FLASH_UNIT,
+        (false, true) => NIGHT_UNIT,
+        (false, false) if brightest > 0.0 => {
+            NIGHT_UNIT.min(libm::exp2f(libm::ceilf(libm::log2f(brightest / SKY_ALONE)).max(-100.0)))
+        }
+        (false, false) => NIGHT_UNIT,
+    };
     let disc = brightest / DISC;
     if disc <= least { least } else { libm::exp2f(libm::ceilf(libm::log2f(disc))) }
 }
@@ -145,6 +159,8 @@ impl Card {
             compose: ComposePass::new(gpu, &frame),
             weather,
             town,
+            take: TakePass::new(gpu, &frame.layout),
+            scene: None,
             tone: TonePasses::new(gpu, &frame.layout),
             shown: None,
             drops: Readback::new(gpu),
@@ -212,7 +228,10 @@ impl Card {
         }
         let uniform = sky.uniform(camera, eye_height(camera.position), [CLOUD_M, TOWN_M]);
         let flashes = frame.flashes.iter().any(|flash| flash.brightness > 0.0);
-        let unit = unit_of(uniform.brightest(), flashes);
+        // No part of a sky is sixteen times as bright as its mean but for the sun's own place.
+        let sky_light = sky.mean_radiance().into_iter().fold(0.0, f32::max);
+        let bright = uniform.brightest().max(16.0 * sky_light);
+        let unit = unit_of(bright, [flashes, scene.town.is_some() || self.scene.is_some()]);
         let is_other_sky = seen.as_ref().is_none_or(|seen| seen.sky != frame.sky);
         self.frame.set(&gpu, &FrameUniform::new(frame, unit));
         self.frame.set_sky(&gpu, &uniform, is_other_sky.then_some(sky));
@@ -233,7 +252,13 @@ impl Card {
         let Some(targets) = &self.targets else { return Ok(report) };
         let lit = self.weather.lit_strokes(scene, frame, sky)?;
         self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
-        if let Some(town) = &mut self.town {
+        self.weather.has_scene = self.scene.is_some();
+        if let Some((own, is_bound)) = &mut self.scene {
+            if are_new || !*is_bound {
+                self.take.set(&gpu, own, targets);
+                *is_bound = true;
+            }
+        } else if let Some(town) = &mut self.town {
             town.set(&gpu, scene, (frame, sky), &lit, (targets, &self.around, are_new))?;
         }
         self.set_tone(&gpu, size, is_wet, onto)?;
@@ -261,7 +286,9 @@ impl Card {
             }
         }
         self.weather.record_shown(&mut recorder, &self.frame.group);
-        if let Some(town) = &mut self.town {
+        if self.scene.is_some() {
+            self.take.record(&mut recorder, &self.frame.group, size);
+        } else if let Some(town) = &mut self.town {
             let groups = [&self.frame.group, &self.weather.group.group];
             town.record(&gpu, &mut recorder, groups, is_other);
         }
@@ -355,6 +382,22 @@ impl StormRenderer {
             Backend::Cpu => None,
             Backend::Gpu(gpu) => Some(Card::new(&gpu, &self.scene, &self.memory)?),
         };
+        Ok(())
+    }
+
+    /// Puts a scene of the caller's in the place of the asset's town, until another call says otherwise: sky and cloud are drawn behind
+    /// it, clear air, rain's medium, lamps, channels and streaks before it. The textures are read anew for every frame.
+    ///
+    /// Errors: the processor draws.
+    pub fn set_scene(&mut self, scene: Option<CardScene>) -> Result<(), RuntimeError> {
+        let Some(card) = &mut self.card else {
+            let wanted = "a renderer on a graphics card (StormRenderer::set_backend)";
+            return Err(RuntimeError::argument("backend", wanted, "the processor"));
+        };
+        // What a scene left in the town's pictures goes with them.
+        card.targets = None;
+        card.seen = None;
+        card.scene = scene.map(|scene| (scene, false));
         Ok(())
     }
 

@@ -43,6 +43,8 @@ pub struct Weather {
     placed_for: Option<PlacedFor>,
     strokes: Vec<KeptStroke>,
     rains: bool,
+    /// Whether a scene of the caller's stands in the town's place.
+    pub has_scene: bool,
 }
 
 /// A stroke as it was seen from an eye under a sky: growing it and looking for it through the cloud takes milliseconds.
@@ -58,6 +60,7 @@ struct KeptStroke {
 /// Pictures of one size.
 struct Sized {
     size: [u32; 2],
+    of: wgpu::TextureView,
     layer: Image,
     /// What the medium makes of the picture.
     picture: Image,
@@ -106,6 +109,7 @@ impl Weather {
             placed_for: None,
             strokes: Vec::new(),
             rains: false,
+            has_scene: false,
         }
     }
 
@@ -188,16 +192,17 @@ impl Weather {
 
     fn resize(&mut self, gpu: &Gpu, targets: &Targets) {
         let size = targets.size;
-        if self.sized.as_ref().is_none_or(|sized| sized.size != size) {
+        // Pictures of the same size may be others: their views are kept, and compared.
+        if self.sized.as_ref().is_none_or(|sized| sized.size != size || sized.of != targets.picture.view) {
             let usage = wgpu::TextureUsages::RENDER_ATTACHMENT;
             let kind = (wgpu::TextureDimension::D2, LAYER);
             let layer = gpu.texture("streaks", [size[0], size[1], 1], kind, usage);
             let picture = gpu.picture_target("picture in rain", size);
             let pictures = [&targets.picture, &targets.town_metres, &picture].map(|image| &image.view);
             self.medium.set_targets(gpu, pictures, size);
-            self.spots.set_layer(gpu, &layer.view);
+            self.spots.set_layer(gpu, &layer.view, &targets.town_metres.view);
             self.rain.set_scene(gpu, &targets.town_metres.view);
-            self.sized = Some(Sized { size, layer, picture });
+            self.sized = Some(Sized { size, of: targets.picture.view.clone(), layer, picture });
         }
     }
 
@@ -293,10 +298,10 @@ impl Weather {
                 let spots = channel::spots((flash, number as u32), (camera, sky), scene.cloud_grid());
                 sources.extend(spots);
             }
-            self.spots.set_sources(gpu, &sources, &self.medium.uniform);
+            self.spots.set_sources(gpu, &sources);
             self.placed_for = Some(key);
         }
-        self.spots.set_frame(gpu, &scales, self.rains, scene.town.is_some());
+        self.spots.set_frame(gpu, &scales, [self.rains, scene.town.is_some(), self.has_scene]);
     }
 
     /// Puts on record what rain shows of the world: the town's mirrors look through rain.

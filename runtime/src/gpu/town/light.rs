@@ -14,6 +14,7 @@ plain! {
     TownView {
         counts: [u32; 4],
         lines: [u32; 4],
+        steps: [f32; 4],
         measures: [f32; 4],
         ambient: [[f32; 4]; 9],
         sun_towards: [f32; 4],
@@ -62,6 +63,7 @@ impl TownView {
             Projection::Orthographic { .. } => 0.0,
         };
         Self {
+            steps: Images::STEPS,
             counts: [quality.samples.clamp(1, 64), quality.facets.max(1), quality.spacing.clamp(1, 32), 0],
             // No infinity goes to a shader.
             measures: [quality.tolerance.min(1e30), angle, width, 0.0],

@@ -37,7 +37,7 @@ const SIZE: [u32; 2] = [160, 90];
 fn structs_lie_as_the_shaders_have_them() {
     assert_layout!(
         TOWN_REST,
-        TownView { counts, lines, measures, ambient, sun_towards, sun, mirror, around }
+        TownView { counts, lines, steps, measures, ambient, sun_towards, sun, mirror, around }
     );
     assert_layout!(TOWN_NODES, TownSource { start, share, end, pad, intensity, pad1 });
     assert_layout!(TOWN_NODES, TownWall { albedo, glass, radiance, seed, pitch, lit, pad, counts });

@@ -1,6 +1,7 @@
 use super::*;
 use crate::camera::Projection;
 use crate::depth::DepthKind;
+use crate::rain::kernel::Footprint;
 use crate::rain::{Surroundings, pattern::tests::set};
 use crate::random::Random;
 use glam::DVec3;
@@ -98,4 +99,28 @@ fn ribbons_lie_where_the_spans_of_the_same_streaks_do_with_a_scene_and_without()
     }
     let hidden = drawn(&set, Some(&vec![1.0; SIZE[0] * SIZE[1]]), 50);
     assert!(hidden.1.iter().all(|alpha| *alpha == 0.0));
+}
+
+#[test]
+fn what_a_tile_shows_of_a_streak_is_what_its_pixels_do() {
+    let streak = |depths: [f32; 2]| Streak { end_depths: depths, ..streaks(1)[0] };
+    let metres = vec![8.0; SIZE[0] * SIZE[1]];
+    let secants = camera().secants();
+    let clip = Clip { left: 128, top: 64, right: 256, bottom: 128 };
+    for kind in [DepthKind::Planar, DepthKind::Range] {
+        let buffer = DepthBuffer::new(&metres, SIZE[0], SIZE[1], kind).unwrap();
+        let reach = hidden::Reach::new(&buffer, &secants, clip);
+        for depths in [[2.0, 3.0], [9.0, 8.5], [4.0, 20.0], [7.6, 7.7]] {
+            let streak = streak(depths);
+            let line = hidden::DepthLine::new(&streak, &streak.footprint());
+            let pixels = (0..SIZE[0] * SIZE[1]).map(|i| (i % SIZE[0], i / SIZE[0]));
+            let inside = pixels.filter(|(x, y)| (128..256).contains(x) && (64..128).contains(y));
+            let hidden = inside.map(|(x, y)| line.hidden(&secants, &buffer, x, y));
+            match reach.of(&streak) {
+                Seen::Everywhere => assert!(!hidden.into_iter().any(|hidden| hidden), "{depths:?}"),
+                Seen::Nowhere => assert!(hidden.into_iter().all(|hidden| hidden), "{depths:?}"),
+                Seen::InPlaces => assert!(depths != [2.0, 3.0] && depths != [9.0, 8.5]),
+            }
+        }
+    }
 }

@@ -1,5 +1,8 @@
 //! The town in a picture of the card: its passes, what lights them, and when they are drawn anew.
 
+#[cfg(test)]
+mod tests;
+
 use super::super::Scene;
 use super::super::draw::{MIRROR_HALF_WIDTH, MIRROR_SIZE, MIRROR_TOP, heading_of};
 use super::super::lit_stroke::LitStroke;

@@ -166,3 +166,41 @@ fn a_picture_developed_onto_a_texture_of_the_callers_is_the_one_that_is_read_bac
     println!("{rmse:.3} of 255");
     assert!(rmse < LEVELS, "{rmse}");
 }
+
+#[test]
+fn a_scene_of_the_callers_stands_before_the_sky_and_behind_the_rain() {
+    use crate::depth::DepthKind;
+    use crate::gpu::CardScene;
+    let Some(gpu) = test_gpu() else { return };
+    let mut renderer = StormRenderer::new(golden("v4/rain.squall")).unwrap();
+    let (_, frame) = frames(&renderer).swap_remove(2);
+    renderer.set_backend(Backend::Gpu(gpu.clone())).unwrap();
+    let open = renderer.render(&frame).unwrap().clone();
+    // A wall before the left half of the picture, 2 m away, nothing before the right one.
+    let exact = wgpu::TextureFormat::Rgba32Float;
+    let (light, metres) = (
+        gpu.target("light", [160, 90], exact),
+        gpu.target("metres", [160, 90], wgpu::TextureFormat::R32Float),
+    );
+    let left = |i: usize| i % 160 < 80;
+    gpu.fill(&light, &(0..160 * 90).map(|_| [3.0f32, 2.0, 1.0, 1.0]).collect::<Vec<_>>());
+    gpu.fill(
+        &metres,
+        &(0..160 * 90).map(|i| if left(i) { 2.0f32 } else { f32::INFINITY }).collect::<Vec<_>>(),
+    );
+    let scene = CardScene { light: light.view.clone(), metres: metres.view.clone(), kind: DepthKind::Range };
+    renderer.set_scene(Some(scene)).unwrap();
+    let shown = renderer.render(&frame).unwrap().clone();
+    // Two metres of air and rain leave all but some hundredths; few drops are drawn before the wall.
+    let near = |found: f32, wanted: f32, share: f32| (found - wanted).abs() <= share * wanted.max(1e-3);
+    let pairs = || shown.pixels.iter().zip(&open.pixels).enumerate();
+    let walls =
+        pairs().filter(|(i, (shown, _))| left(*i) && near(shown[0], 3.0, 0.05) && near(shown[2], 1.0, 0.05));
+    assert!(walls.count() > 160 * 90 / 2 * 9 / 10);
+    let same = pairs().filter(|(i, (a, b))| !left(*i) && (0..3).all(|band| near(a[band], b[band], 5e-3)));
+    assert!(same.count() > 160 * 90 / 2 * 98 / 100);
+    renderer.set_scene(None).unwrap();
+    assert_eq!(renderer.render(&frame).unwrap().pixels.len(), open.pixels.len());
+    let (rmse, _) = apart(&renderer.tone(), renderer.picture(), &open);
+    assert!(rmse < RMSE, "{rmse}");
+}
