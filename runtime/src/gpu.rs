@@ -36,7 +36,6 @@ pub(crate) mod town;
 pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
-pub use take::CardScene;
 
 use crate::error::RuntimeError;
 use std::future::Future;
