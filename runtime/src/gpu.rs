@@ -13,6 +13,7 @@ pub(crate) mod around;
 pub(crate) mod binding;
 pub mod clock;
 pub(crate) mod cloud;
+pub(crate) mod compile;
 pub(crate) mod compose;
 pub(crate) mod direct;
 pub(crate) mod frame;
@@ -65,6 +66,7 @@ pub struct Gpu {
     name: Arc<str>,
     /// Bytes of buffers and textures that are held now.
     pub(crate) held: Arc<AtomicU64>,
+    compiler: compile::Compiler,
     /// Why the device answers no more, once it doesn't; of a device of our own.
     lost: Option<Arc<Mutex<Option<String>>>>,
 }
@@ -127,7 +129,14 @@ impl Gpu {
     }
 
     fn new(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        Self { device, queue, name: name.into(), held: Arc::new(AtomicU64::new(0)), lost: None }
+        Self {
+            device,
+            queue,
+            name: name.into(),
+            held: Arc::new(AtomicU64::new(0)),
+            compiler: compile::Compiler::default(),
+            lost: None,
+        }
     }
 
     /// Has a device of our own say when it is lost.

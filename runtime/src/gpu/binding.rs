@@ -4,7 +4,9 @@
 //! a binding is its place in the list. No stage sees more than eight storage buffers.
 
 use super::Gpu;
+use super::compile::Compiled;
 use super::shader::Shader;
+use std::sync::Arc;
 
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,10 +78,16 @@ impl Slot {
 
 /// A compute pipeline.
 pub struct Kernel {
-    /// The pipeline.
-    pub pipeline: wgpu::ComputePipeline,
+    pipeline: Compiled,
     /// Its entry point, which names it in reports.
     pub name: &'static str,
+}
+
+impl Kernel {
+    /// The pipeline, waited for.
+    pub fn pipeline(&self) -> &wgpu::ComputePipeline {
+        self.pipeline.get()
+    }
 }
 
 impl Gpu {
@@ -145,17 +153,21 @@ impl Gpu {
         groups: &[Option<&wgpu::BindGroupLayout>],
     ) -> Kernel {
         let layout = self.pipeline_layout(entry, groups);
-        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(entry),
-            layout: Some(&layout),
-            module,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions {
-                zero_initialize_workgroup_memory: false,
-                ..Default::default()
-            },
-            cache: None,
-        });
+        let (device, module) = (self.device.clone(), module.clone());
+        let make = move || {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&layout),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    zero_initialize_workgroup_memory: false,
+                    ..Default::default()
+                },
+                cache: None,
+            })
+        };
+        let pipeline = self.compiled(Arc::new(make));
         Kernel { pipeline, name: entry }
     }
 }
