@@ -13,6 +13,7 @@ pub(crate) mod around;
 pub(crate) mod binding;
 pub mod clock;
 pub(crate) mod cloud;
+pub(crate) mod compile;
 pub(crate) mod compose;
 pub(crate) mod direct;
 pub(crate) mod frame;
@@ -67,6 +68,7 @@ pub struct Gpu {
     /// Every pipeline, made once: another renderer on the same device has the same ones, and drivers are spared pipelines that go while
     /// the device stays, which lavapipe's queue doesn't survive.
     pub(crate) pipelines: Arc<Mutex<binding::Pipelines>>,
+    compiler: compile::Compiler,
     /// Why the device answers no more, once it doesn't; of a device of our own.
     lost: Option<Arc<Mutex<Option<String>>>>,
 }
@@ -135,6 +137,7 @@ impl Gpu {
             name: name.into(),
             held: Arc::new(AtomicU64::new(0)),
             pipelines: Arc::default(),
+            compiler: compile::Compiler::default(),
             lost: None,
         }
     }

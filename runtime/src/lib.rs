@@ -43,8 +43,8 @@
 //!
 //! No clouds that move or grow, no terrain, no sound; no light of the flash from the town back on the cloud. It bakes nothing.
 //! A stroke may stand where the asset's virtual point lights were baked ([`Clouds::is_lit`]); anywhere else only with feature
-//! `live`, which solves for its light on the spot and takes seconds. No globals, no threads but the caller's rayon pool, and no
-//! work at load beyond checks.
+//! `live`, which solves for its light on the spot and takes seconds. No globals, no threads but the caller's rayon pool
+//! (and those that compile a card's pipelines, until they have), and no work at load beyond checks.
 //!
 //! | feature | default | does |
 //! |---|---|---|

@@ -4,9 +4,10 @@
 //! a binding is its place in the list. No stage sees more than eight storage buffers.
 
 use super::Gpu;
+use super::compile::Compiled;
 use super::shader::Shader;
 use std::collections::HashMap;
-use std::sync::{MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard, PoisonError};
 
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,16 +80,22 @@ impl Slot {
 /// The pipelines of a device, by what they are called.
 #[derive(Default)]
 pub struct Pipelines {
-    compute: HashMap<&'static str, wgpu::ComputePipeline>,
+    compute: HashMap<&'static str, Compiled>,
     render: HashMap<String, wgpu::RenderPipeline>,
 }
 
 /// A compute pipeline.
 pub struct Kernel {
-    /// The pipeline.
-    pub pipeline: wgpu::ComputePipeline,
+    pipeline: Compiled,
     /// Its entry point, which names it in reports.
     pub name: &'static str,
+}
+
+impl Kernel {
+    /// The pipeline, waited for.
+    pub fn pipeline(&self) -> &wgpu::ComputePipeline {
+        self.pipeline.get()
+    }
 }
 
 impl Gpu {
@@ -157,17 +164,21 @@ impl Gpu {
             return Kernel { pipeline: pipeline.clone(), name: entry };
         }
         let layout = self.pipeline_layout(entry, groups);
-        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(entry),
-            layout: Some(&layout),
-            module,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions {
-                zero_initialize_workgroup_memory: false,
-                ..Default::default()
-            },
-            cache: None,
-        });
+        let (device, module) = (self.device.clone(), module.clone());
+        let make = move || {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&layout),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    zero_initialize_workgroup_memory: false,
+                    ..Default::default()
+                },
+                cache: None,
+            })
+        };
+        let pipeline = self.compiled(Arc::new(make));
         self.pipelines().compute.insert(entry, pipeline.clone());
         Kernel { pipeline, name: entry }
     }

@@ -42,7 +42,7 @@ impl GpuReport {
 }
 
 /// A device's clock.
-pub struct Clock {
+pub(crate) struct Clock {
     gpu: Gpu,
     queries: Option<Queries>,
     names: Vec<&'static str>,
@@ -74,7 +74,7 @@ impl Clock {
     }
 
     /// Begins a frame; its passes are timed if `measured`.
-    pub fn record(&mut self, measured: bool) -> Recorder<'_> {
+    pub(crate) fn record(&mut self, measured: bool) -> Recorder<'_> {
         self.names.clear();
         let encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         Recorder { encoder, clock: self, measured }
@@ -152,7 +152,7 @@ pub struct Pass<'a>(wgpu::ComputePass<'a>);
 impl Pass<'_> {
     /// Puts one dispatch on record: `size` workgroups of `kernel` with these groups.
     pub fn run(&mut self, kernel: &Kernel, groups: &[Option<&wgpu::BindGroup>], size: [u32; 3]) {
-        self.0.set_pipeline(&kernel.pipeline);
+        self.0.set_pipeline(kernel.pipeline());
         for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.is_some()) {
             self.0.set_bind_group(number as u32, *group, &[]);
         }
@@ -169,7 +169,7 @@ impl Pass<'_> {
         groups: &[Option<&wgpu::BindGroup>],
         counts: &wgpu::Buffer,
     ) {
-        self.0.set_pipeline(&kernel.pipeline);
+        self.0.set_pipeline(kernel.pipeline());
         for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.is_some()) {
             self.0.set_bind_group(number as u32, *group, &[]);
         }
