@@ -22,7 +22,7 @@ fn same(name: &str, text: &str) {
     assert!(text == wanted, "{} differs; SQUALL_UPDATE=1 writes it anew. Now:\n{text}", path.display());
 }
 
-const COMMANDS: [&str; 19] = [
+const COMMANDS: [&str; 20] = [
     "",
     "bake",
     "render",
@@ -42,6 +42,7 @@ const COMMANDS: [&str; 19] = [
     "synth town",
     "synth stroke",
     "synth streaks",
+    "synth point-spread",
 ];
 
 #[test]

@@ -69,6 +69,7 @@ fn mistakes_have_their_exit_codes() {
     assert_eq!(code(&["synth", "town", "-o", text(folder.path())]), Some(3), "a folder");
     assert_eq!(code(&["synth", "streaks", "-o", text(folder.path()), "--count", "0"]), Some(3));
     assert_eq!(code(&["synth", "streaks"]), Some(2), "no output");
+    assert_eq!(code(&["synth", "point-spread", "-o", text(&out), "--photons", "5"]), Some(3));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
@@ -85,4 +86,19 @@ fn a_strokes_lamps_carry_its_whole_light() {
     assert!((sum / 7e5 - 1.0).abs() < 1e-12 && lights.len() > 50);
     let refused = squall(&["synth", "stroke", "-o", text(&out), "--from", "0,0,0", "--to", "0,0,0"]);
     assert_eq!(refused.status.code(), Some(3));
+}
+
+#[test]
+fn the_table_of_scattered_light_has_its_size_and_other_bytes_for_another_seed() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = |name: &str, seed: &str| {
+        let out = folder.path().join(name);
+        let done = squall(&["synth", "point-spread", "-o", text(&out), "--photons", "320", "--seed", seed]);
+        assert_eq!(done.status.code(), Some(0));
+        std::fs::read(out).unwrap()
+    };
+    let one = made("a", "1");
+    // Thirteen phase functions, 56 distances, 33 angles, four bytes each.
+    assert_eq!(one.len(), 13 * 56 * 33 * 4);
+    assert!(one == made("b", "1") && one != made("c", "2"));
 }

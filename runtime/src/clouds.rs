@@ -225,7 +225,7 @@ impl Clouds {
     /// In-scattered radiance J of `flashes` towards `viewer` per cell, direct light included, W/(m² sr) in red, green and blue,
     /// and the cell's extinction, 1/m, behind it, into `out`: what a renderer that marches the cloud itself needs (radiance
     /// along a ray is ∫ albedo · extinction · J · transmittance). Never negative; 0 in cells that no viewer of the asset's
-    /// view region can see.
+    /// view region can see; direct light is left out of cells farther than one from any cloud, which no lookup between centres reads.
     ///
     /// Errors: as [`Clouds::light`]; a viewer outside the asset's view region; a stroke that the asset lacks; `out` is not one
     /// grid long.

@@ -66,7 +66,10 @@ pub struct Gpu {
     name: Arc<str>,
     /// Bytes of buffers and textures that are held now.
     pub(crate) held: Arc<AtomicU64>,
-    compiler: compile::Compiler,
+    /// Every pipeline, made once: another renderer on the same device has the same ones, and drivers are spared pipelines that go while
+    /// the device stays, which lavapipe's queue doesn't survive.
+    pub(crate) pipelines: Arc<Mutex<binding::Pipelines>>,
+    compiler: Arc<compile::Compiler>,
     /// Why the device answers no more, once it doesn't; of a device of our own.
     lost: Option<Arc<Mutex<Option<String>>>>,
 }
@@ -130,11 +133,12 @@ impl Gpu {
 
     fn new(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
         Self {
+            compiler: Arc::new(compile::Compiler::new(&device)),
             device,
             queue,
             name: name.into(),
             held: Arc::new(AtomicU64::new(0)),
-            compiler: compile::Compiler::default(),
+            pipelines: Arc::default(),
             lost: None,
         }
     }

@@ -7,8 +7,6 @@
 use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::load::Asset;
-use crate::shade::cloud::density::distances;
-use crate::transport::cloud::CoarseIndex;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
 use squall_formats::ReadError;
@@ -34,6 +32,7 @@ pub struct SourceWeight {
     pub intensity: f32,
 }
 
+mod known;
 mod lit;
 mod response;
 
@@ -129,12 +128,6 @@ impl Relighter {
         &self.cloud
     }
 
-    /// Steps from each of the cloud's cells to the nearest with cloud in it, of which the largest along an axis counts.
-    pub(crate) fn cloud_distances(&self) -> &[u8] {
-        let (shape, filled) = (self.cloud.shape, self.cloud.extinction.iter().map(|&value| value > 0.0));
-        self.distances.get_or_init(|| distances(shape, filled))
-    }
-
     /// The grid whose cells the rows hold light for: the cloud's, or equal blocks of its cells with their mean extinction.
     pub fn light_cloud(&self) -> &Cloud {
         self.blocks.as_ref().unwrap_or(&self.cloud)
@@ -192,26 +185,6 @@ impl Relighter {
     /// The view region's frame, where rows are for that alone.
     pub(crate) fn view_region_frame(&self) -> Option<ViewRegionFrame> {
         self.frame
-    }
-
-    /// Cells of the cloud whose light means something.
-    pub fn known_cells(&self) -> Vec<bool> {
-        let known = self.known_light_cells();
-        let Some(blocks) = &self.blocks else { return known };
-        let factors = [0, 1, 2]
-            .map(|axis: usize| (self.cloud.shape.to_array()[axis] / blocks.shape.to_array()[axis]) as u32);
-        let index = CoarseIndex::new(self.cloud.shape, factors);
-        (0..self.cloud.shape.len()).map(|cell| known[index.of(cell)]).collect()
-    }
-
-    /// Cells of [`Relighter::light_cloud`] whose light means something.
-    pub fn known_light_cells(&self) -> Vec<bool> {
-        let head = &self.response.head;
-        // Version 1 does not say: whoever baked may have left out what no ray shades with.
-        if self.response.version == 1 {
-            return self.light_cloud().shaded();
-        }
-        (0..head.shape.len()).map(|cell| head.sees(cell)).collect()
     }
 
     /// Whether the light holds for what `camera` sees.

@@ -84,8 +84,8 @@ fn strokes_with_other_seeds_light_the_sample_storm_all_of_them() {
     assert_eq!(lit, 24);
 }
 
-/// A metre in some hundred, and the codec.
-const NEARLY: f64 = 0.1;
+/// A metre in some hundred, and the codec; of the light in and around cloud alone.
+const NEARLY: f64 = 0.12;
 
 #[test]
 fn a_live_solve_is_the_light_that_rows_hold() {

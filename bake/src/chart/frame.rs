@@ -46,7 +46,8 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     frame.camera = camera_of(&view.camera)?;
     let settings = settings(task.quick);
     progress.begin("chart frame", settings.len() as u64 + 1);
-    let most = if task.quick { FrameQuality { town: finest(3), ..FINEST } } else { FINEST };
+    let quick = FrameQuality { town: finest(3), rays: DirectRays::PerPoint(512), ..FINEST };
+    let most = if task.quick { quick } else { FINEST };
     let (_, truth) = draw(&asset, &frame.clone().quality(most))?;
     let [width, height] = view.camera.size_px;
     let samples = most.town.samples * most.town.samples;

@@ -6,7 +6,8 @@
 use super::Gpu;
 use super::compile::Compiled;
 use super::shader::Shader;
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, MutexGuard, PoisonError};
 
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,9 +77,16 @@ impl Slot {
     }
 }
 
+/// The pipelines of a device, by what they are called.
+#[derive(Default)]
+pub struct Pipelines {
+    compute: HashMap<&'static str, Arc<Compiled>>,
+    render: HashMap<String, wgpu::RenderPipeline>,
+}
+
 /// A compute pipeline.
 pub struct Kernel {
-    pipeline: Compiled,
+    pipeline: Arc<Compiled>,
     /// Its entry point, which names it in reports.
     pub name: &'static str,
 }
@@ -152,6 +160,9 @@ impl Gpu {
         entry: &'static str,
         groups: &[Option<&wgpu::BindGroupLayout>],
     ) -> Kernel {
+        if let Some(pipeline) = self.pipelines().compute.get(entry) {
+            return Kernel { pipeline: pipeline.clone(), name: entry };
+        }
         let layout = self.pipeline_layout(entry, groups);
         let (device, module) = (self.device.clone(), module.clone());
         let make = move || {
@@ -167,7 +178,27 @@ impl Gpu {
                 cache: None,
             })
         };
-        let pipeline = self.compiled(Arc::new(make));
+        let pipeline = Arc::new(self.compiled(Arc::new(make)));
+        self.pipelines().compute.insert(entry, pipeline.clone());
         Kernel { pipeline, name: entry }
+    }
+
+    /// The render pipeline of this name, made where there is none yet.
+    pub(crate) fn render_pipeline(
+        &self,
+        name: String,
+        make: impl FnOnce(&wgpu::Device) -> wgpu::RenderPipeline,
+    ) -> wgpu::RenderPipeline {
+        if let Some(pipeline) = self.pipelines().render.get(&name) {
+            return pipeline.clone();
+        }
+        let pipeline = make(&self.device);
+        self.pipelines().render.insert(name, pipeline.clone());
+        pipeline
+    }
+
+    fn pipelines(&self) -> MutexGuard<'_, Pipelines> {
+        // Whoever panicked while it held them left a map that is whole.
+        self.pipelines.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -390,7 +390,8 @@ fn draw_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout) -> wgpu::RenderPipeli
         blend: Some(wgpu::BlendState { color: add, alpha: add }),
         write_mask: wgpu::ColorWrites::ALL,
     };
-    gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    let targets = [Some(target)];
+    let descriptor = wgpu::RenderPipelineDescriptor {
         label: Some("streaks"),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -406,11 +407,12 @@ fn draw_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout) -> wgpu::RenderPipeli
             module: &module,
             entry_point: Some("streak_fragment"),
             compilation_options: Default::default(),
-            targets: &[Some(target)],
+            targets: &targets,
         }),
         multiview_mask: None,
         cache: None,
-    })
+    };
+    gpu.render_pipeline("streaks".into(), |device| device.create_render_pipeline(&descriptor))
 }
 
 #[cfg(test)]

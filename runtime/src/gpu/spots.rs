@@ -210,7 +210,8 @@ fn over_picture(
         blend: Some(wgpu::BlendState { color: blend, alpha: blend }),
         write_mask: wgpu::ColorWrites::COLOR,
     };
-    gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    let targets = [Some(target)];
+    let descriptor = wgpu::RenderPipelineDescriptor {
         label: Some(fragment),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -226,9 +227,10 @@ fn over_picture(
             module,
             entry_point: Some(fragment),
             compilation_options: Default::default(),
-            targets: &[Some(target)],
+            targets: &targets,
         }),
         multiview_mask: None,
         cache: None,
-    })
+    };
+    gpu.render_pipeline(fragment.into(), |device| device.create_render_pipeline(&descriptor))
 }

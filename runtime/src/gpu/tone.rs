@@ -252,7 +252,8 @@ fn pipeline(
         let wanted = "rgba8, bgra8 (either in sRGB), rgba16float or rgba32float";
         return Err(RuntimeError::argument("target texture", wanted, format!("{format:?}")));
     }
-    Ok(gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    let targets = [Some(format.into())];
+    let descriptor = wgpu::RenderPipelineDescriptor {
         label: Some("tone"),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -268,11 +269,12 @@ fn pipeline(
             module,
             entry_point: Some("develop"),
             compilation_options: Default::default(),
-            targets: &[Some(format.into())],
+            targets: &targets,
         }),
         multiview_mask: None,
         cache: None,
-    }))
+    };
+    Ok(gpu.render_pipeline(format!("tone {format:?}"), |device| device.create_render_pipeline(&descriptor)))
 }
 
 #[cfg(test)]

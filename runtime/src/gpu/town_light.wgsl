@@ -235,6 +235,21 @@ fn has_no_image(ball: TownSource, point: vec3f, normal: vec3f, to_viewer: vec3f,
     return (across - e) / (up + e) > 1.01 * (view.steps.w * max(slope, SMOOTHEST) + 0.25 * apart);
 }
 
+// What walls leave of a ball of lines.
+const UNKNOWN: u32 = 0u;
+const IN_SIGHT: u32 = 1u;
+const PARTLY_HIDDEN: u32 = 2u;
+const HIDDEN: u32 = 3u;
+
+fn ball_is_hidden(start: vec3f, lines: u32, first: u32, end: u32) -> u32 {
+    var blocked = 0u;
+    for (var i = 0u; i < 2u; i++) {
+        let which = lights[lines + select(first, end - 1u, i == 1u)];
+        if town_is_blocked(start, 0.5 * (which.start + which.end)) { blocked++; }
+    }
+    return IN_SIGHT + blocked;
+}
+
 fn is_lost(share: f32, light: vec3f, sum: vec3f) -> bool {
     return share <= 0.0 || all(share * light <= HALF_A_DIGIT * sum);
 }
@@ -249,14 +264,21 @@ fn add_images(facets: vec3f, spot: Spot, to_viewer: vec3f, water_slope: f32) -> 
         let ball = lights[view.counts.w + b];
         if has_no_image(ball, spot.point, spot.normal, to_viewer, slope) { continue; }
         let end = min((b + 1u) * TOGETHER, view.lines.x);
+        // Rain is that on the way to the ball's middle for all lines in it; where walls leave the ball's first and last line alike,
+        // they leave those between alike.
+        var left = -1.0;
+        var hidden = UNKNOWN;
         for (var i = b * TOGETHER; i < end; i++) {
             let which = lights[view.counts.w + balls + i];
             let share = line_highlight(which, spot.point, spot.normal, to_viewer, slope) * which.share;
             if is_lost(share, which.intensity, sum) { continue; }
-            let faint = share * which.intensity.y < 1e-3 * sum.y;
-            if faint || !town_is_blocked(start, 0.5 * (which.start + which.end)) {
-                sum += which.intensity * (share * rain_left(start, ball.start));
+            if left < 0.0 { left = rain_left(start, ball.start); }
+            if share * which.intensity.y >= 1e-3 * sum.y {
+                if hidden == UNKNOWN { hidden = ball_is_hidden(start, view.counts.w + balls, b * TOGETHER, end); }
+                if hidden == HIDDEN { continue; }
+                if hidden == PARTLY_HIDDEN && town_is_blocked(start, 0.5 * (which.start + which.end)) { continue; }
             }
+            sum += which.intensity * (share * left);
         }
     }
     for (var i = 0u; i < ground.lamps; i++) {

@@ -1,7 +1,7 @@
 // Pixels of the town that nodes can stand for; the others go on a list. (frame/strip.rs, Strip::inside)
 
 struct RestList {
-    // Workgroups of the pass over the list.
+    // Workgroups of the pass over the list, sixteen pixels each.
     groups: atomic<u32>,
     one: u32,
     one_more: u32,
@@ -40,5 +40,5 @@ fn light_pixels(@builtin(global_invocation_id) id: vec3u) {
     }
     let at = atomicAdd(&rest.count, 1u);
     rest.pixels[at] = id.x | (id.y << 16u);
-    if at % 64u == 0u && at / 64u < MOST_GROUPS { atomicAdd(&rest.groups, 1u); }
+    if at % 16u == 0u && at / 16u < MOST_GROUPS { atomicAdd(&rest.groups, 1u); }
 }

@@ -110,9 +110,19 @@ const FLASH_UNIT: f32 = 0.25;
 /// The sun's disc takes at most this of half precision's largest number.
 const DISC: f32 = 32_768.0;
 
-/// The frame's unit: a power of two.
-fn unit_of(brightest: f32, flashes: bool) -> f32 {
-    let least = if flashes { FLASH_UNIT } else { NIGHT_UNIT };
+/// Where nothing shines but the sky, its brightest takes at most this share of half precision's normal numbers.
+const SKY_ALONE: f32 = 4096.0;
+
+/// The frame's unit: a power of two. `lights` are lamps, windows or a scene of the caller's.
+fn unit_of(brightest: f32, [flashes, lights]: [bool; 2]) -> f32 {
+    let least = match (flashes, lights) {
+        (true, _) => FLASH_UNIT,
+        (false, true) => NIGHT_UNIT,
+        (false, false) if brightest > 0.0 => {
+            NIGHT_UNIT.min(libm::exp2f(libm::ceilf(libm::log2f(brightest / SKY_ALONE)).max(-100.0)))
+        }
+        (false, false) => NIGHT_UNIT,
+    };
     let disc = brightest / DISC;
     if disc <= least { least } else { libm::exp2f(libm::ceilf(libm::log2f(disc))) }
 }
@@ -218,7 +228,10 @@ impl Card {
         }
         let uniform = sky.uniform(camera, eye_height(camera.position), [CLOUD_M, TOWN_M]);
         let flashes = frame.flashes.iter().any(|flash| flash.brightness > 0.0);
-        let unit = unit_of(uniform.brightest(), flashes);
+        // No part of a sky is sixteen times as bright as its mean but for the sun's own place.
+        let sky_light = sky.mean_radiance().into_iter().fold(0.0, f32::max);
+        let bright = uniform.brightest().max(16.0 * sky_light);
+        let unit = unit_of(bright, [flashes, scene.town.is_some() || self.scene.is_some()]);
         let is_other_sky = seen.as_ref().is_none_or(|seen| seen.sky != frame.sky);
         self.frame.set(&gpu, &FrameUniform::new(frame, unit));
         self.frame.set_sky(&gpu, &uniform, is_other_sky.then_some(sky));

@@ -289,11 +289,13 @@ impl Sky {
     }
 
     /// What lights a cloud `altitude` metres above the ground when nothing flashes: the two hemispheres' mean radiance and the direct
-    /// sun, dimmed by the share of the sky that is overcast. `position` is measured from the place on the ground where the sun has
-    /// its stated elevation, m; its x and y move the cloud into or out of the Earth's shadow.
+    /// sun, dimmed by the share of the sky that is overcast and by high cloud above. `position` is measured from the place on the
+    /// ground where the sun has its stated elevation, m; its x and y move the cloud into or out of the Earth's shadow.
     pub fn cloud_light(&self, altitude: f64, position: DVec3) -> CloudLight {
         let light = self.light_above(altitude, position);
-        let sunny = 1.0 - self.overcast;
+        // High cloud hangs over what is lower, the same over all of it as over the place that the sky is seen from.
+        let veiled = altitude < HIGH_CLOUD;
+        let sunny = if veiled { self.open_to_the_sun() } else { 1.0 - self.overcast };
         CloudLight { sun_irradiance: light.sun_irradiance.map(|band| band * sunny), ..light }
     }
 

@@ -15,7 +15,7 @@ pub enum Choice {
     Cpu,
     /// A graphics card, within docs/gpu.md's tolerances of the processor.
     Gpu,
-    /// A graphics card where there is one that can draw the picture, else the processor, which is said.
+    /// A graphics card where one can draw the picture, else the processor.
     Auto,
 }
 

@@ -132,3 +132,63 @@ impl DepthTable {
         Some(per_metre * from.distance(target))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::medium::Medium;
+    use crate::rain::{Ceiling, RainField, RainMap};
+    use crate::random::Random;
+    use crate::renderer::town_rain::TownRain;
+    use crate::shade::town::rain::RainBetween;
+    use crate::world::WorldLight;
+    use glam::{DVec2, DVec3, Vec3};
+    use squall_formats::units::Metres;
+
+    #[test]
+    fn tabulated_rain_lets_through_what_the_rain_itself_does() {
+        /// Near the horizon through a cloudburst's border, between places 100 m and directions 3° apart: shares of light, the worst and in
+        /// the mean.
+        const WORST: f32 = 0.1;
+        const MEAN: f32 = 0.002;
+        let shower = |at: usize| {
+            let [x, y] = [at % 40, at / 40].map(|cell| (cell as f32 * 150.0 - 2_925.0) / 1_200.0);
+            60.0 * libm::expf(-(x - 1.0) * (x - 1.0) - y * y)
+        };
+        let rates: Vec<f32> = (0..1600).map(shower).collect();
+        let top = Ceiling { height: Metres(1_500.0), softness: Metres(300.0) };
+        let origin = DVec2::splat(-3_000.0);
+        let map = RainMap::new(origin, Metres(150.0), [40, 40], &rates, Some(top)).unwrap();
+        let eye = DVec3::new(30.0, -20.0, 2.0);
+        let field = RainField::default().with_map(&map, DVec3::ZERO, eye);
+        let medium = Medium::geometric(field.rate(map.heaviest()));
+        let light = medium.in_scattering(&WorldLight::uniform([1.0; 3]));
+        let mut random = Random::new(5);
+        let mut draw = |low: f64, high: f64| random.range(low, high) as f32;
+        let targets: Vec<Vec3> =
+            (0..20).map(|_| Vec3::new(draw(-4e3, 4e3), draw(2e3, 6e3), draw(200.0, 3e3))).collect();
+        let exact = TownRain::new(medium.clone(), field, &light);
+        let quick = TownRain::new(medium, field, &light).tabulated(eye, targets.iter().copied());
+        let (mut sum, mut worst, mut least) = (0.0, 0.0f32, 1.0f32);
+        for i in 0..2000 {
+            let from = Vec3::new(draw(-1.9e3, 1.9e3), draw(-1.9e3, 1.9e3), draw(0.0, 10.0));
+            let up = draw(0.02, 1.0);
+            let way = Vec3::new(draw(-1.0, 1.0), draw(-1.0, 1.0), up * up).normalize();
+            let target = targets[i % 20];
+            for (found, wanted) in [
+                (quick.left_far(from, target), exact.left(from, target)),
+                (quick.along(from, way, f32::INFINITY).0, exact.along(from, way, f32::INFINITY).0),
+            ] {
+                (worst, least) = (worst.max((found - wanted).abs()), least.min(wanted));
+                sum += (found - wanted).abs() / 4000.0;
+            }
+        }
+        println!("worst {worst:.4}, mean {sum:.5}, darkest {least:.3}");
+        assert!(least < 0.5 && worst < WORST && sum < MEAN, "{worst} {sum} {least}");
+        // Far from the eye, high up and of other lights nothing is tabulated.
+        for (from, to) in [(Vec3::X * 5e3, targets[0]), (Vec3::ZERO, Vec3::Z * 900.0)] {
+            assert_eq!(quick.left_far(from, to), exact.left(from, to));
+        }
+        let high = Vec3::Z * 50.0;
+        assert_eq!(quick.along(high, Vec3::Z, f32::INFINITY), exact.along(high, Vec3::Z, f32::INFINITY));
+    }
+}

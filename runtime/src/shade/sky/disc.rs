@@ -120,6 +120,37 @@ mod tests {
     }
 
     #[test]
+    fn high_cloud_dims_the_sun_on_clouds_below_it_as_on_the_ground_and_not_above() {
+        /// Single precision.
+        const ROUND_OFF: f32 = 1e-5;
+        let mut least = 1.0f32;
+        for (i, overcast) in [0.0, 0.0, 0.0, 0.0, 0.5, 0.5].into_iter().enumerate() {
+            let (azimuth, elevation) = (i as f64, 25.0 + 10.0 * i as f64);
+            let with = |high_cloud: f64| {
+                let parameters = SkyParameters {
+                    sun_azimuth: Radians(azimuth),
+                    sun_elevation: Radians(elevation.to_radians()),
+                    overcast,
+                    high_cloud,
+                    ..SkyParameters::default()
+                };
+                Sky::new(&parameters).unwrap()
+            };
+            let (clear, veiled) = (with(0.0), with(1.0));
+            let ground = veiled.sun().unwrap().irradiance[1] / clear.sun().unwrap().irradiance[1];
+            let on_cloud = |altitude: f64| {
+                let light = |sky: &Sky| sky.cloud_light(altitude, DVec3::ZERO).sun_irradiance[1];
+                light(&veiled) / light(&clear)
+            };
+            least = least.min(ground);
+            assert!((on_cloud(3e3) - ground).abs() < ROUND_OFF, "{elevation}: {} {ground}", on_cloud(3e3));
+            assert!((on_cloud(11e3) - 1.0).abs() < ROUND_OFF, "{elevation}: {}", on_cloud(11e3));
+        }
+        // The sun stands behind a streak in some of these.
+        assert!(least < 0.9, "{least}");
+    }
+
+    #[test]
     fn the_disc_sums_to_the_suns_irradiance() {
         /// 200 × 200 midpoints over a disc whose edge they cut, and air that changes across it.
         const QUADRATURE: f32 = 0.01;

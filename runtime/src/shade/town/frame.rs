@@ -144,7 +144,7 @@ impl Town {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::shade::town::light::{GlowLight, SceneLight};
     use crate::shade::town::line::{Images, LineLight};
@@ -152,13 +152,13 @@ mod tests {
     use crate::shade::town::tests::small_town;
     use squall_formats::units::Radians;
 
-    fn camera() -> Camera {
+    pub(super) fn camera() -> Camera {
         let projection = Projection::Perspective { vertical_fov: Radians(0.9) };
         Camera::new(DVec3::new(0.0, -20.0, 3.0), DVec3::new(0.0, 1.0, 0.1), DVec3::Z, projection, [64, 48])
             .unwrap()
     }
 
-    fn lighting<'a>() -> Lighting<'a> {
+    pub(super) fn lighting<'a>() -> Lighting<'a> {
         Lighting {
             ambient: &|_| [0.1, 0.15, 0.3],
             points: &[],

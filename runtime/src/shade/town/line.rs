@@ -174,7 +174,7 @@ impl Ball {
 /// Share of a channel's light whose image is not missed.
 const FAINT: f32 = 1e-3;
 /// Steps as a share of the highlight's standard deviation.
-const STEP: f32 = 0.5;
+const STEP: f32 = 0.4;
 /// Steps per radian that the line covers.
 const ANGLE_STEPS: f32 = 16.0;
 /// Most steps of one line.

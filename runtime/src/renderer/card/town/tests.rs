@@ -1,19 +1,20 @@
 //! Whole pictures with a town, the card's against the processor's.
 
+use crate::camera::Camera;
 use crate::frame::Frame;
 use crate::gpu::test_gpu;
 use crate::picture::Picture;
 use crate::renderer::{Backend, StormRenderer};
 use crate::tone::Tone;
 use glam::DVec3;
-use squall_formats::units::{MillimetresPerHour, Seconds};
+use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
 
 /// Of the display's 255 levels: root mean square, and share of bands that are at most two levels off.
 const RMSE: f64 = 0.5;
 const WITHIN_TWO: f64 = 0.999;
 
-/// Frames of an asset with a town: dusk with a flash in rain, night with its lamps in rain, a dry day with the sun low before the
-/// eye, the night again with the flash.
+/// Frames of an asset with a town: dusk with a flash in rain, night under its lamp in rain and dry, a dry day with the sun low before
+/// the eye, night with the flash.
 fn frames(renderer: &StormRenderer) -> Vec<(&'static str, Frame)> {
     let camera = renderer.frame().unwrap().camera.resized([160, 90]).unwrap();
     let base = renderer.frame_from(camera.clone()).time(Seconds(2.5)).wind(DVec3::new(4.0, 1.0, 0.0));
@@ -27,9 +28,15 @@ fn frames(renderer: &StormRenderer) -> Vec<(&'static str, Frame)> {
     day.sky.sun_azimuth.0 = libm::atan2(camera.forward.y, camera.forward.x) + 0.2;
     day.sky.sun_elevation.0 = 0.2;
     let lit = Frame { flashes: vec![flash.brightness(0.4)], ..night.clone() };
+    // In sight of the lamp, whose light is a thousand times what half precision loses of the sky's.
+    let (eye, target) = (DVec3::new(7.0, 12.0, 2.0), DVec3::new(14.0, 90.0, 5.0));
+    let near = Camera::look_at(eye, target, Degrees(60.0), [160, 90]).unwrap();
+    let night = night.camera(near);
+    let clear = night.clone().rain(MillimetresPerHour(0.0));
     vec![
         ("dusk with a flash", dusk),
-        ("night with lamps", night),
+        ("night under a lamp", night),
+        ("a dry night", clear),
         ("a dry day", day),
         ("night with a flash", lit),
     ]

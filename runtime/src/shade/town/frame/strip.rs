@@ -319,3 +319,6 @@ impl<'a, const N: usize> Strip<'a, N> {
         light
     }
 }
+
+#[cfg(test)]
+mod tests;
