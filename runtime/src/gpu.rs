@@ -37,6 +37,7 @@ pub(crate) mod town;
 pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
+pub use take::CardScene;
 
 use crate::error::RuntimeError;
 use std::future::Future;
@@ -68,7 +69,7 @@ pub struct Gpu {
     /// Every pipeline, made once: another renderer on the same device has the same ones, and drivers are spared pipelines that go while
     /// the device stays, which lavapipe's queue doesn't survive.
     pub(crate) pipelines: Arc<Mutex<binding::Pipelines>>,
-    compiler: compile::Compiler,
+    compiler: Arc<compile::Compiler>,
     /// Why the device answers no more, once it doesn't; of a device of our own.
     lost: Option<Arc<Mutex<Option<String>>>>,
 }
@@ -132,12 +133,12 @@ impl Gpu {
 
     fn new(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
         Self {
+            compiler: Arc::new(compile::Compiler::new(&device)),
             device,
             queue,
             name: name.into(),
             held: Arc::new(AtomicU64::new(0)),
             pipelines: Arc::default(),
-            compiler: compile::Compiler::default(),
             lost: None,
         }
     }

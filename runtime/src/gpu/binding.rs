@@ -80,13 +80,13 @@ impl Slot {
 /// The pipelines of a device, by what they are called.
 #[derive(Default)]
 pub struct Pipelines {
-    compute: HashMap<&'static str, Compiled>,
+    compute: HashMap<&'static str, Arc<Compiled>>,
     render: HashMap<String, wgpu::RenderPipeline>,
 }
 
 /// A compute pipeline.
 pub struct Kernel {
-    pipeline: Compiled,
+    pipeline: Arc<Compiled>,
     /// Its entry point, which names it in reports.
     pub name: &'static str,
 }
@@ -178,7 +178,7 @@ impl Gpu {
                 cache: None,
             })
         };
-        let pipeline = self.compiled(Arc::new(make));
+        let pipeline = Arc::new(self.compiled(Arc::new(make)));
         self.pipelines().compute.insert(entry, pipeline.clone());
         Kernel { pipeline, name: entry }
     }
