@@ -104,7 +104,7 @@ impl<'a> DepthBuffer<'a> {
 
     /// The least and the greatest number of a rectangle of pixels, in the buffer's own kind; holes that are left alone are as far as
     /// the sky.
-    pub(crate) fn reach(&self, columns: Range<usize>, rows: Range<usize>) -> [f32; 2] {
+    pub(crate) fn range(&self, columns: Range<usize>, rows: Range<usize>) -> [f32; 2] {
         let unknown = if self.unknown.is_nan() { f32::INFINITY } else { self.unknown as f32 };
         let mut ends = [f32::INFINITY, 0.0f32];
         for y in rows {
@@ -205,10 +205,10 @@ mod tests {
         let at = |depth| buffer.clone().with_holes(DepthHoles::At(Metres(depth))).known(2, 0, || 2.0);
         assert_eq!((at(6.0), at(f64::INFINITY), at(0.0)), (Some(3.0), Some(f64::INFINITY), Some(0.0)));
         assert_eq!((at(-1.0), at(f64::NAN)), (None, None));
-        assert_eq!(buffer.reach(0..3, 0..2), [3.0, f32::INFINITY]);
-        assert_eq!(buffer.reach(1..3, 1..2), [3.0, 8.0]);
+        assert_eq!(buffer.range(0..3, 0..2), [3.0, f32::INFINITY]);
+        assert_eq!(buffer.range(1..3, 1..2), [3.0, 8.0]);
         let filled = buffer.clone().with_holes(DepthHoles::At(Metres(2.0)));
-        assert_eq!(filled.reach(0..2, 0..1), [2.0; 2]);
+        assert_eq!(filled.range(0..2, 0..1), [2.0; 2]);
         assert!(DepthBuffer::new(&METRES, 4, 2, DepthKind::Planar).is_err());
         assert!(buffer.check_size(2, 3).is_err());
     }

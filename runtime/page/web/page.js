@@ -87,42 +87,43 @@ function rest(drawn) {
   clearTimeout(resting);
   const wide = widest(drawn);
   if (playing || wide <= drawn.width) return;
-  resting = setTimeout(async () => {
-    if (drawing || playing) return;
-    drawing = call("draw", size(wide)).then(show);
-    await told(drawing);
-    drawing = null;
-    if (again) told(draw());
+  resting = setTimeout(() => {
+    if (!running && !playing) told((running = picture_of(wide)));
   }, STILL_AFTER_MS);
 }
 
-let drawing = null;
-let again = false;
+/** The picture that is being made, and how many changes were asked for and are shown. */
+let running = null;
+let asked = 0;
+let shown = 0;
 
-/** Draws the storm as it stands; calls while it is drawn are answered by one more picture. */
-function draw() {
-  clearTimeout(resting);
-  if (drawing) {
-    again = true;
-    return drawing.then(() => (again ? draw() : undefined));
+/** Makes one picture, `wide` px or as wide as is quick. */
+async function picture_of(wide) {
+  const own = asked;
+  try {
+    const drawn = await call("draw", size(wide));
+    show(drawn);
+    if (wide !== undefined) return;
+    adapt(drawn.ms);
+    if (asked === own) rest(drawn);
+  } catch (error) {
+    say(error.message, true);
+    throw error;
+  } finally {
+    shown = own;
+    running = null;
   }
-  drawing = (async () => {
-    try {
-      do {
-        again = false;
-        const drawn = await call("draw", size());
-        show(drawn);
-        adapt(drawn.ms);
-        if (!again) rest(drawn);
-      } while (again);
-    } catch (error) {
-      say(error.message, true);
-      throw error;
-    } finally {
-      drawing = null;
-    }
-  })();
-  return drawing;
+}
+
+/** Draws the storm as it stands; what changes while a picture is made is in the next one. */
+async function draw() {
+  clearTimeout(resting);
+  asked += 1;
+  const own = asked;
+  while (shown < own) {
+    running ??= picture_of();
+    await running;
+  }
 }
 
 function label(input) {

@@ -24,7 +24,7 @@ impl Reach {
 
     pub fn new(buffer: &DepthBuffer, secants: &Secants, clip: Clip) -> Self {
         let Clip { left, top, right, bottom } = clip;
-        let [near, far] = buffer.reach(left as usize..right as usize, top as usize..bottom as usize);
+        let [near, far] = buffer.range(left as usize..right as usize, top as usize..bottom as usize);
         if buffer.kind() == DepthKind::Planar {
             return Self([near, far]);
         }
