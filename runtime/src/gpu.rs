@@ -8,6 +8,8 @@
 //! The CPU's code is the truth: every pass has a twin there, and a test that compares the two.
 
 #![allow(dead_code)]
+// Cards are held to tolerances: the last bits of a test's sums say nothing.
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub(crate) mod around;
 pub(crate) mod binding;

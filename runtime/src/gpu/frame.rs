@@ -292,7 +292,7 @@ mod tests {
                 place: [0; 3].map(|_| random.range(-400.0, 400.0) as f32),
                 seed: i as u32 * 77,
                 state: [i as u32, 0x8000_0001],
-                part: [!0, i as u32 * 0x1234_5677 >> 1],
+                part: [!0, (i as u32 * 0x1234_5677) >> 1],
             })
             .collect();
         let asked = gpu.storage("questions", &questions);

@@ -83,8 +83,8 @@ fn distance(found: &[[f32; 3]], wanted: &[[f32; 3]]) -> (f64, f32) {
     let (mut off, mut all, mut worst, mut peak) = (0.0, 0.0, 0.0f32, 0.0f32);
     assert_eq!(found.len(), wanted.len());
     for (found, wanted) in found.iter().flatten().zip(wanted.iter().flatten()) {
-        off += f64::from(found - wanted).powi(2);
-        all += f64::from(*wanted).powi(2);
+        off += libm::pow(f64::from(found - wanted), 2.0);
+        all += libm::pow(f64::from(*wanted), 2.0);
         (worst, peak) = (worst.max((found - wanted).abs()), peak.max(*wanted));
     }
     (libm::sqrt(off / all), worst / peak)

@@ -1,10 +1,11 @@
 //! A map of directions as a graphics card's texels.
 
+#[cfg(test)]
 use super::{Environment, EnvironmentWindow};
 
+#[cfg(test)]
 impl Environment {
     /// Which directions it holds; radiances row by row from the bottom.
-    #[cfg(test)]
     pub(crate) fn texels(&self) -> (EnvironmentWindow, &[[f32; 3]]) {
         (self.window, &self.pixels)
     }
