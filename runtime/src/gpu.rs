@@ -213,9 +213,19 @@ pub(crate) fn wait<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// The adapter for tests: `None`, said aloud, where there is none.
+/// The adapter for tests, one device for all of them: `None`, said aloud, where there is none. A software driver's devices do not all
+/// outlive their pipelines, and each test would compile its own.
 #[cfg(test)]
 pub(crate) fn test_gpu() -> Option<Gpu> {
+    static SHARED: std::sync::OnceLock<Option<Gpu>> = std::sync::OnceLock::new();
+    let gpu = SHARED.get_or_init(own_test_gpu).clone();
+    // Bytes are counted a test.
+    gpu.map(|gpu| Gpu { held: Arc::default(), ..gpu })
+}
+
+/// A device of a test's own, which it may destroy.
+#[cfg(test)]
+pub(crate) fn own_test_gpu() -> Option<Gpu> {
     match Gpu::open() {
         Ok(gpu) => Some(gpu),
         Err(error) => {

@@ -120,7 +120,7 @@ fn whole_pictures_of_the_card_are_the_processors_as_a_display_shows_them() {
 
 #[test]
 fn a_lost_device_is_replaced_once_and_the_second_loss_is_said() {
-    let Some(gpu) = test_gpu() else { return };
+    let Some(gpu) = crate::gpu::own_test_gpu() else { return };
     let mut renderer = StormRenderer::new(golden("v4/rain.squall")).unwrap();
     let (_, frame) = frames(&renderer).swap_remove(2);
     renderer.set_backend(Backend::Gpu(gpu)).unwrap();
