@@ -30,11 +30,11 @@ fn off(light: &Light, more: bool, share: f64, wanted: &dyn Fn(f64, f64) -> f64) 
                 // Solid angle of a bin, but for a factor: bins are even in ln(1 + 100 q).
                 let solid_angle = half * (half + 0.01);
                 found += own.mean * solid_angle;
-                error += (own.standard_error * solid_angle).powi(2);
+                error += (own.standard_error * solid_angle) * (own.standard_error * solid_angle);
                 expected += wanted(depth, half) * solid_angle;
             }
             if depth < 8.0 && error.sqrt() < 0.1 * found {
-                let off = (found - expected) / error.sqrt().hypot(share * expected);
+                let off = (found - expected) / libm::hypot(error.sqrt(), share * expected);
                 squares += off * off;
                 worst = worst.max(off.abs());
                 count += 1;

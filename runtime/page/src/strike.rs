@@ -68,7 +68,7 @@ fn meets(clouds: &Clouds, ray: &Ray) -> DVec3 {
         let cell = ((at(distance) - low) / DVec3::from_array(cloud.cell_m)).as_uvec3();
         let shape = cloud.shape.to_array();
         let cell: [usize; 3] =
-            std::array::from_fn(|axis| (cell.to_array()[axis] as usize).min(shape[axis] as usize - 1));
+            std::array::from_fn(|axis| (cell.to_array()[axis] as usize).min(shape[axis] - 1));
         depth += step * f64::from(cloud.extinction[cloud.shape.index(cell[0], cell[1], cell[2])]);
         if depth >= 1.0 {
             return at(distance);

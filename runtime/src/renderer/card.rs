@@ -385,22 +385,6 @@ impl StormRenderer {
         Ok(())
     }
 
-    /// Puts a scene of the caller's in the place of the asset's town, until another call says otherwise: sky and cloud are drawn behind
-    /// it, clear air, rain's medium, lamps, channels and streaks before it. The textures are read anew for every frame.
-    ///
-    /// Errors: the processor draws.
-    pub fn set_scene(&mut self, scene: Option<CardScene>) -> Result<(), RuntimeError> {
-        let Some(card) = &mut self.card else {
-            let wanted = "a renderer on a graphics card (StormRenderer::set_backend)";
-            return Err(RuntimeError::argument("backend", wanted, "the processor"));
-        };
-        // What a scene left in the town's pictures goes with them.
-        card.targets = None;
-        card.seen = None;
-        card.scene = scene.map(|scene| (scene, false));
-        Ok(())
-    }
-
     /// Whether a card measures its passes: [`StormRenderer::gpu_report`] then has them, and every frame is waited for.
     pub fn measure(&mut self, is_measured: bool) {
         if let Some(card) = &mut self.card {

@@ -65,7 +65,7 @@ impl RainBetween for TownRain<'_> {
     fn left_far(&self, from: Vec3, to: Vec3) -> f32 {
         let depth = |from, direction, metres| self.depth(from, direction, metres);
         let found = self.table.as_ref().and_then(|table| table.to_target(from, to, &depth));
-        found.map_or_else(|| self.left(from, to), |depth| exp_neg(depth))
+        found.map_or_else(|| self.left(from, to), exp_neg)
     }
 
     fn along(&self, from: Vec3, direction: Vec3, metres: f32) -> (f32, [f32; 3]) {

@@ -351,11 +351,6 @@ impl Weather {
     pub fn room(&self) -> u32 {
         self.rain.capacity
     }
-
-    /// Share of light that the medium left, per pixel.
-    pub fn left(&self) -> Option<&Image> {
-        self.medium.left.as_ref().filter(|_| self.rains)
-    }
 }
 
 /// Lamps in view, as `Town::draw_lamps` draws them.

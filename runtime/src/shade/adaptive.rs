@@ -15,6 +15,11 @@ pub struct Spacing {
     pub tolerance: f32,
 }
 
+/// Light of a pixel, by column and row.
+pub type LightOf<'a> = dyn Fn(usize, usize) -> [f32; 3] + Sync + 'a;
+/// Whether a pixel is asked for, by column and row.
+pub type AskedOf<'a> = dyn Fn(usize, usize) -> bool + Sync + 'a;
+
 /// Fills a picture of `size` with `light` of columns and rows, where `is_asked`; other pixels stay as they are. The light is asked for
 /// beyond the right and the lower edge too.
 ///
@@ -22,7 +27,7 @@ pub struct Spacing {
 pub fn fill(
     [width, height]: [usize; 2],
     spacing: Spacing,
-    (light, is_asked): (&(dyn Fn(usize, usize) -> [f32; 3] + Sync), &(dyn Fn(usize, usize) -> bool + Sync)),
+    (light, is_asked): (&LightOf<'_>, &AskedOf<'_>),
     pixels: &mut [[f32; 3]],
 ) {
     let step = spacing.pixels.clamp(1, ROWS as u32) as usize;
