@@ -1,13 +1,11 @@
 //! The graphics card: a device of the caller's or one of our own, and what every pass of a frame is made of.
 //!
 //! A device is used within WebGPU's default limits, and with no optional feature but `timestamp-query`, and that one only to
-//! measure. Shaders are WGSL, each beside the Rust file of the same name; [`shader`] puts them together from parts and
+//! measure. Shaders are WGSL, each beside the Rust file of the same name; `shader.rs` puts them together from parts and
 //! compares their structs with Rust's. Pipelines are made once per device; buffers and textures once per asset or per
 //! picture size; a frame is one command submission and allocates nothing.
 //!
 //! The CPU's code is the truth: every pass has a twin there, and a test that compares the two.
-
-#![allow(dead_code)]
 
 pub(crate) mod around;
 pub(crate) mod binding;
@@ -235,4 +233,10 @@ pub(crate) fn own_test_gpu() -> Option<Gpu> {
             None
         }
     }
+}
+
+/// Its square, in double precision.
+#[cfg(test)]
+pub(crate) fn square(value: f32) -> f64 {
+    f64::from(value) * f64::from(value)
 }

@@ -108,7 +108,7 @@ impl MediumPass {
         uniform.medium = [medium.extinction().0 as f32, farthest, 0.0, 0.0];
         uniform.counts = [count as u32, lights.len() as u32, 1, 0];
         gpu.write(&self.uniform, &[*uniform]);
-        if (lights.len() * size_of::<HaloLight>()) as u64 > self.halos.size() {
+        if size_of_val(lights) as u64 > self.halos.size() {
             let mut room = lights.to_vec();
             room.resize(lights.len().next_power_of_two(), HaloLight::default());
             self.halos = gpu.storage("halos", &room);

@@ -119,8 +119,8 @@ impl SpotPasses {
     /// Brightness of every stroke in the next frame; whether it rains, whether a town and whether a scene of the caller's may stand
     /// before spots.
     pub fn set_frame(&mut self, gpu: &Gpu, strokes: &[[f32; 3]], [rains, has_town, has_scene]: [bool; 3]) {
-        let mut uniform = SpotFrame::default();
-        uniform.counts = [self.count, u32::from(rains), u32::from(has_town), u32::from(has_scene)];
+        let counts = [self.count, u32::from(rains), u32::from(has_town), u32::from(has_scene)];
+        let mut uniform = SpotFrame { counts, ..SpotFrame::default() };
         for (slot, [r, g, b]) in uniform.strokes.iter_mut().zip(strokes) {
             *slot = [*r, *g, *b, 0.0];
         }

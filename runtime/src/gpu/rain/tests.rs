@@ -220,7 +220,7 @@ fn drops_are_the_processors_own_drops_in_the_open_under_roofs_in_bounds_and_in_a
     let Some(gpu) = test_gpu() else { return };
     let (rain, set) = (Rain::new(&section(), 5), patterns());
     let most = section().largest_rate().0;
-    let mut cases = vec![Case::new(most), Case::new(0.3 * most), Case::new(0.7 * most), Case::new(most)];
+    let mut cases = [Case::new(most), Case::new(0.3 * most), Case::new(0.7 * most), Case::new(most)];
     cases[1].town = Some(small_town());
     cases[2].weather.volume = RainVolume {
         ceiling: Some(Ceiling { height: Metres(4.0), softness: Metres(5.0) }),
