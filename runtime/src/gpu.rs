@@ -28,14 +28,12 @@ pub(crate) mod rows;
 pub(crate) mod shader;
 pub(crate) mod shown;
 pub(crate) mod spots;
-pub(crate) mod take;
 pub(crate) mod targets;
 pub(crate) mod tone;
 pub(crate) mod town;
 pub(crate) mod volume;
 
 pub use clock::{GpuReport, PassTime};
-pub use take::CardScene;
 
 use crate::error::RuntimeError;
 use std::future::Future;

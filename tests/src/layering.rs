@@ -6,7 +6,7 @@ use std::ffi::{OsStr, OsString};
 use std::process::Command;
 
 /// What the runtime needs at most, everything optional included.
-const RUNTIME_NEEDS: [&str; 9] = [
+const RUNTIME_NEEDS: [&str; 10] = [
     "bytemuck",
     "fearless_simd",
     "glam",
@@ -16,6 +16,8 @@ const RUNTIME_NEEDS: [&str; 9] = [
     "squall-formats",
     "squall-transport",
     "thiserror",
+    // With feature `gpu` alone; once for each system, whose interfaces differ.
+    "wgpu",
 ];
 /// The same of light transport in clouds.
 const TRANSPORT_NEEDS: [&str; 7] =
@@ -80,6 +82,7 @@ fn needs<'a>(workspace: &'a Value, name: &str, dev: bool) -> Vec<&'a str> {
     let mut names: Vec<&str> =
         all.filter(|d| dev || d["kind"] != "dev").map(|d| d["name"].as_str().unwrap()).collect();
     names.sort_unstable();
+    names.dedup();
     names
 }
 

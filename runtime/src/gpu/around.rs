@@ -148,9 +148,9 @@ impl AroundPass {
         let [cloud, light] = &volumes.layouts;
         let looking = [Some(&frame.layout), Some(cloud), Some(light), Some(&look)];
         let summing = [Some(&frame.layout), Some(&read), Some(&written)];
-        let (eyes, sums) = (gpu.module(&LOOK), gpu.module(&AROUND));
+        let (looks, sums) = (gpu.module(&LOOK), gpu.module(&AROUND));
         let kernels = [
-            gpu.kernel(&eyes, "look_around", &looking),
+            gpu.kernel(&looks, "look_around", &looking),
             gpu.kernel(&sums, "turn_rings", &summing),
             gpu.kernel(&sums, "project_harmonics", &summing),
             gpu.kernel(&sums, "sum_glow", &summing),

@@ -74,7 +74,6 @@ shaders! {
     /// What a lens spreads.
     BLOOM = "bloom" [DOUBLED];
     /// A scene of the caller's.
-    TAKE = "take" [COMMON];
     /// The display's picture.
     TONE = "tone" [COMMON, DOUBLED];
     /// What every pixel's middle sees of the town.

@@ -26,7 +26,6 @@ use crate::gpu::march::MarchPass;
 use crate::gpu::memory::Held;
 use crate::gpu::rain::DrawArguments;
 use crate::gpu::readback::Readback;
-use crate::gpu::take::{CardScene, TakePass};
 use crate::gpu::targets::Targets;
 use crate::gpu::tone::{Developed, TonePasses};
 use crate::gpu::town::surface::check;
@@ -63,9 +62,6 @@ pub(super) struct Card {
     compose: ComposePass,
     weather: Weather,
     town: Option<CardTown>,
-    take: TakePass,
-    /// A scene of the caller's in the town's place, and whether it is bound.
-    scene: Option<(CardScene, bool)>,
     tone: TonePasses,
     /// The picture that the tone passes are bound to.
     shown: Option<([u32; 2], bool)>,
@@ -159,8 +155,6 @@ impl Card {
             compose: ComposePass::new(gpu, &frame),
             weather,
             town,
-            take: TakePass::new(gpu, &frame.layout),
-            scene: None,
             tone: TonePasses::new(gpu, &frame.layout),
             shown: None,
             drops: Readback::new(gpu),
@@ -231,7 +225,7 @@ impl Card {
         // No part of a sky is sixteen times as bright as its mean but for the sun's own place.
         let sky_light = sky.mean_radiance().into_iter().fold(0.0, f32::max);
         let bright = uniform.brightest().max(16.0 * sky_light);
-        let unit = unit_of(bright, [flashes, scene.town.is_some() || self.scene.is_some()]);
+        let unit = unit_of(bright, [flashes, scene.town.is_some()]);
         let is_other_sky = seen.as_ref().is_none_or(|seen| seen.sky != frame.sky);
         self.frame.set(&gpu, &FrameUniform::new(frame, unit));
         self.frame.set_sky(&gpu, &uniform, is_other_sky.then_some(sky));
@@ -249,13 +243,7 @@ impl Card {
         let Some(targets) = &self.targets else { return Ok(report) };
         let lit = self.weather.lit_strokes(scene, frame, sky)?;
         self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
-        self.weather.has_scene = self.scene.is_some();
-        if let Some((own, is_bound)) = &mut self.scene {
-            if are_new || !*is_bound {
-                self.take.set(&gpu, own, targets);
-                *is_bound = true;
-            }
-        } else if let Some(town) = &mut self.town {
+        if let Some(town) = &mut self.town {
             town.set(&gpu, scene, (frame, sky), &lit, (targets, &self.around, are_new))?;
         }
         self.set_tone(&gpu, size, is_wet, onto)?;
@@ -283,9 +271,7 @@ impl Card {
             }
         }
         self.weather.record_shown(&mut recorder, &self.frame.group);
-        if self.scene.is_some() {
-            self.take.record(&mut recorder, &self.frame.group, size);
-        } else if let Some(town) = &mut self.town {
+        if let Some(town) = &mut self.town {
             let groups = [&self.frame.group, &self.weather.group.group];
             town.record(&gpu, &mut recorder, groups, is_other);
         }

@@ -4,6 +4,7 @@ use super::{Environment, EnvironmentWindow};
 
 impl Environment {
     /// Which directions it holds; radiances row by row from the bottom.
+    #[cfg(test)]
     pub(crate) fn texels(&self) -> (EnvironmentWindow, &[[f32; 3]]) {
         (self.window, &self.pixels)
     }
