@@ -1,15 +1,11 @@
 //! The graphics card: a device of the caller's or one of our own, and what every pass of a frame is made of.
 //!
 //! A device is used within WebGPU's default limits, and with no optional feature but `timestamp-query`, and that one only to
-//! measure. Shaders are WGSL, each beside the Rust file of the same name; [`shader`] puts them together from parts and
+//! measure. Shaders are WGSL, each beside the Rust file of the same name; `shader.rs` puts them together from parts and
 //! compares their structs with Rust's. Pipelines are made once per device; buffers and textures once per asset or per
 //! picture size; a frame is one command submission and allocates nothing.
 //!
 //! The CPU's code is the truth: every pass has a twin there, and a test that compares the two.
-
-#![allow(dead_code)]
-// Cards are held to tolerances: the last bits of a test's sums say nothing.
-#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub(crate) mod around;
 pub(crate) mod binding;
@@ -213,9 +209,19 @@ pub(crate) fn wait<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// The adapter for tests: `None`, said aloud, where there is none.
+/// The adapter for tests, one device for all of them: `None`, said aloud, where there is none. A software driver's devices do not all
+/// outlive their pipelines, and each test would compile its own.
 #[cfg(test)]
 pub(crate) fn test_gpu() -> Option<Gpu> {
+    static SHARED: std::sync::OnceLock<Option<Gpu>> = std::sync::OnceLock::new();
+    let gpu = SHARED.get_or_init(own_test_gpu).clone();
+    // Bytes are counted a test.
+    gpu.map(|gpu| Gpu { held: Arc::default(), ..gpu })
+}
+
+/// A device of a test's own, which it may destroy.
+#[cfg(test)]
+pub(crate) fn own_test_gpu() -> Option<Gpu> {
     match Gpu::open() {
         Ok(gpu) => Some(gpu),
         Err(error) => {
@@ -225,4 +231,10 @@ pub(crate) fn test_gpu() -> Option<Gpu> {
             None
         }
     }
+}
+
+/// Its square, in double precision.
+#[cfg(test)]
+pub(crate) fn square(value: f32) -> f64 {
+    f64::from(value) * f64::from(value)
 }

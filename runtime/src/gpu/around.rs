@@ -1,5 +1,4 @@
-//! The world around the eye on the card: maps of directions, its harmonics, what phase functions show of it, the lit cloud as one
-//! light. Nothing of it comes back to the processor inside a frame.
+//! The world around the eye on the card: maps of directions, its harmonics, the lit cloud as one light. Nothing of it comes back to the processor inside a frame.
 
 use super::Gpu;
 use super::binding::{Kernel, Slot};
@@ -10,16 +9,11 @@ use super::shader::{AROUND, LOOK};
 use super::targets::LIGHT;
 use super::volume::Volumes;
 use crate::camera::Camera;
-use crate::medium::Phase;
 use crate::renderer::draw::{MIRROR_HALF_WIDTH, MIRROR_SIZE, MIRROR_TOP, heading_of};
 use crate::renderer::world::SIZE;
 use crate::world::degrees::{Basis, COUNT, DEGREE, RINGS, SPOKES, rings};
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Phase functions that the world is blurred by at once: the drops' and the medium's.
-pub const PHASES: usize = 2;
-/// Texels along the side of a blurred world, on the unfolded octahedron.
-pub const BLURRED: u32 = 161;
 /// Rays of the glow and the one towards the sun.
 const GLOW_RAYS: u32 = 96 * 32 + 1;
 /// Cosines and sines of a ring.
@@ -73,40 +67,19 @@ pub struct Around {
     pub pad0: f32,
 }
 
-/// `Blur` of around.wgsl.
-#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct Blur {
-    pub moments: [[f32; 4]; DEGREE + 1],
-}
-
-impl Blur {
-    fn of(phase: &Phase) -> Self {
-        let moment = |degree: usize| {
-            let [r, g, b] = phase.moments(degree).map(|band| band as f32);
-            [r, g, b, 0.0]
-        };
-        Self { moments: std::array::from_fn(moment) }
-    }
-}
-
 /// The world around the eye.
 pub struct AroundPass {
-    kernels: [Kernel; 5],
+    kernels: [Kernel; 4],
     /// All directions, in the frame's unit: azimuth from −π to π, elevation from −π/2 to π/2, on the outer texels' middles.
     pub around: Image,
     /// Where mirrors look, in the frame's unit; its window is the one that [`AroundPass::windows`] holds second.
     pub mirror: Image,
     /// Two [`Window`]s, all directions and the mirrors', a uniform buffer.
     pub windows: Held<wgpu::Buffer>,
-    /// What the world is blurred to by each phase function, on the unfolded octahedron, nodes on the outer texels' middles.
-    pub blurred: [Image; PHASES],
     /// The [`Around`] of the frame, a storage buffer.
     pub told: Held<wgpu::Buffer>,
     /// The world's harmonics, four numbers each in the order l² + l + m, a storage buffer.
     pub harmonics: Held<wgpu::Buffer>,
-    blurs: [Held<wgpu::Buffer>; PHASES],
-    phases: [Option<Phase>; PHASES],
     mirror_tiles: u32,
     groups: Groups,
     _buffers: Vec<Held<wgpu::Buffer>>,
@@ -116,7 +89,6 @@ struct Groups {
     maps: wgpu::BindGroup,
     read: wgpu::BindGroup,
     written: wgpu::BindGroup,
-    blurs: [wgpu::BindGroup; PHASES],
 }
 
 /// Legendre's functions at the rings, each with its ring's share, and behind them the rings' heights.
@@ -152,80 +124,46 @@ impl AroundPass {
         let flat = |label: &str, size: [u32; 2]| gpu.target(label, size, LIGHT);
         let around = flat("around", SIZE.map(|count| count as u32));
         let mirror = flat("mirrors' map", MIRROR_SIZE.map(|count| count as u32));
-        let blurred = [(); PHASES].map(|()| flat("blurred world", [BLURRED; 2]));
         let windows = gpu.uniform::<[Window; 2]>("windows");
         let rays = floats("glow", 4 * GLOW_RAYS as usize);
         // Passes of the weather are told it as uniforms.
         let told = gpu.buffer("around", 48, Use::STORAGE | Use::UNIFORM | Use::COPY_SRC);
         let basis = Basis::new();
         let table = gpu.storage("Legendre's functions", &legendre(&basis));
-        let pairs = (0..=DEGREE).flat_map(|l| (0..=l).map(move |m| (l, m)));
-        let steps: Vec<[f32; 2]> = pairs.map(|(l, m)| basis.step(l, m).0.map(|step| step as f32)).collect();
-        let steps = gpu.storage("recurrence", &steps);
         let (turned, harmonics) = (floats("rings", 4 * RINGS * WAVES), floats("harmonics", 4 * COUNT));
-        let blurs = [(); PHASES].map(|()| gpu.uniform::<Blur>("phase function"));
 
         let slots = [Slot::Uniform, Slot::Store(LIGHT), Slot::Store(LIGHT), Slot::Write];
         let look = gpu.layout("maps", &slots);
-        let read = gpu.layout("what is around", &[Slot::Flat, Slot::Read, Slot::Read, Slot::Read]);
+        let read = gpu.layout("what is around", &[Slot::Flat, Slot::Read, Slot::Read]);
         let written = gpu.layout("what it comes to", &[Slot::Write, Slot::Write, Slot::Write]);
-        let blur = gpu.layout("blur", &[Slot::Uniform, Slot::Store(LIGHT)]);
         let maps =
             [windows.as_entire_binding(), around.binding(), mirror.binding(), rays.as_entire_binding()];
-        let all = [
-            around.binding(),
-            rays.as_entire_binding(),
-            table.as_entire_binding(),
-            steps.as_entire_binding(),
-        ];
+        let all = [around.binding(), rays.as_entire_binding(), table.as_entire_binding()];
         let sums = [&turned, &harmonics, &told].map(|buffer| buffer.as_entire_binding());
         let groups = Groups {
             maps: gpu.group("maps", &look, &maps),
             read: gpu.group("what is around", &read, &all),
             written: gpu.group("what it comes to", &written, &sums),
-            blurs: std::array::from_fn(|i| {
-                gpu.group("blur", &blur, &[blurs[i].as_entire_binding(), blurred[i].binding()])
-            }),
         };
         let [cloud, light] = &volumes.layouts;
         let looking = [Some(&frame.layout), Some(cloud), Some(light), Some(&look)];
-        let summing = [Some(&frame.layout), Some(&read), Some(&written), Some(&blur)];
+        let summing = [Some(&frame.layout), Some(&read), Some(&written)];
         let (looks, sums) = (gpu.module(&LOOK), gpu.module(&AROUND));
         let kernels = [
             gpu.kernel(&looks, "look_around", &looking),
-            gpu.kernel(&sums, "turn_rings", &summing[..3]),
-            gpu.kernel(&sums, "project_harmonics", &summing[..3]),
-            gpu.kernel(&sums, "blur_harmonics", &summing),
-            gpu.kernel(&sums, "sum_glow", &summing[..3]),
+            gpu.kernel(&sums, "turn_rings", &summing),
+            gpu.kernel(&sums, "project_harmonics", &summing),
+            gpu.kernel(&sums, "sum_glow", &summing),
         ];
-        let buffers = vec![rays, table, steps, turned];
-        let phases = [const { None }; PHASES];
-        Self {
-            kernels,
-            around,
-            mirror,
-            windows,
-            blurred,
-            told,
-            harmonics,
-            blurs,
-            phases,
-            mirror_tiles: 0,
-            groups,
-            _buffers: buffers,
-        }
+        let buffers = vec![rays, table, turned];
+        Self { kernels, around, mirror, windows, told, harmonics, mirror_tiles: 0, groups, _buffers: buffers }
     }
 
-    /// Tells the next submission where mirrors look and which phase functions ask.
-    pub fn set(&mut self, gpu: &Gpu, camera: &Camera, phases: [&Phase; PHASES]) {
-        gpu.write(&self.windows, &[Window::whole(), Window::mirrored(camera)]);
-        self.mirror_tiles = Window::mirrored(camera).tiles();
-        for (i, phase) in phases.into_iter().enumerate() {
-            if self.phases[i].as_ref() != Some(phase) {
-                gpu.write(&self.blurs[i], &[Blur::of(phase)]);
-                self.phases[i] = Some(phase.clone());
-            }
-        }
+    /// Tells the next submission where mirrors look.
+    pub fn set(&mut self, gpu: &Gpu, camera: &Camera) {
+        let mirrored = Window::mirrored(camera);
+        gpu.write(&self.windows, &[Window::whole(), mirrored]);
+        self.mirror_tiles = mirrored.tiles();
     }
 
     /// Puts the maps and what they come to on record; mirrors only where something mirrors.
@@ -233,26 +171,21 @@ impl AroundPass {
         &self,
         recorder: &mut Recorder<'_>,
         (frame, volumes): (&FrameGroup, &Volumes),
-        (has_mirrors, phases): (bool, usize),
+        has_mirrors: bool,
     ) {
-        let [look, turn, project, blur, glow] = &self.kernels;
+        let [look, turn, project, glow] = &self.kernels;
         let [cloud, light] = &volumes.groups;
         let own = Some(&frame.group);
-        let size = |[x, y]: [u32; 2]| [x.div_ceil(8), y.div_ceil(8), 1];
         recorder.pass("around", |pass| {
             let groups = [own, Some(cloud), Some(light), Some(&self.groups.maps)];
             let mirrors = if has_mirrors { self.mirror_tiles } else { 0 };
             pass.run(look, &groups, [GLOW_RAYS.div_ceil(64) + Window::whole().tiles() + mirrors, 1, 1]);
         });
         recorder.pass("harmonics", |pass| {
-            let mut groups = [own, Some(&self.groups.read), Some(&self.groups.written), None];
+            let groups = [own, Some(&self.groups.read), Some(&self.groups.written)];
             pass.run(turn, &groups, [RINGS as u32, 1, 1]);
             pass.run(project, &groups, [(COUNT as u32).div_ceil(64), 1, 1]);
             pass.run(glow, &groups, [1, 1, 1]);
-            for own in &self.groups.blurs[..phases] {
-                groups[3] = Some(own);
-                pass.run(blur, &groups, size([BLURRED; 2]));
-            }
         });
     }
 }

@@ -1,4 +1,4 @@
-// What the world around the eye comes to: its harmonics, what phase functions make of them, the cloud's glow as one ball of light.
+// What the world around the eye comes to: its harmonics, the cloud's glow as one ball of light.
 // (world.rs, world/degrees.rs, renderer/light.rs)
 
 const DEGREE: u32 = 20u;
@@ -9,7 +9,6 @@ const WAVES: u32 = 41u;
 const COUNT: u32 = 441u;
 // Pairs of a degree and an order from 0.
 const PAIRS: u32 = 231u;
-const STEPS: u32 = 160u;
 const GLOW_RAYS: u32 = 3072u;
 
 struct Around {
@@ -24,24 +23,14 @@ struct Around {
     pad0: f32,
 }
 
-// A phase function's moments by degree.
-struct Blur {
-    moments: array<vec4f, 21>,
-}
-
 @group(1) @binding(0) var around_map: texture_2d<f32>;
 @group(1) @binding(1) var<storage, read> glow_rays: array<vec4f>;
 // Legendre's functions at the rings, with the ring's share: a ring's pairs one after the other.
 @group(1) @binding(2) var<storage, read> legendre: array<f32>;
-// Factors of their recurrence, a pair.
-@group(1) @binding(3) var<storage, read> recurrence: array<vec2f>;
 
 @group(2) @binding(0) var<storage, read_write> rings: array<vec4f>;
 @group(2) @binding(1) var<storage, read_write> harmonics: array<vec4f>;
 @group(2) @binding(2) var<storage, read_write> around: Around;
-
-@group(3) @binding(0) var<uniform> blur: Blur;
-@group(3) @binding(1) var blurred: texture_storage_2d<rgba16float, write>;
 
 fn pair_of(degree: u32, order: u32) -> u32 { return degree * (degree + 1u) / 2u + order; }
 
@@ -88,36 +77,6 @@ fn project_harmonics(@builtin(global_invocation_id) id: vec3u) {
     }
     harmonics[id.x] = vec4f(sum, 0.0);
     if id.x == 0u { around.mean = sum * 0.28209479; }
-}
-
-@compute @workgroup_size(8, 8)
-fn blur_harmonics(@builtin(global_invocation_id) id: vec3u) {
-    if id.x > STEPS || id.y > STEPS { return; }
-    let d = octahedron_unfold(2.0 * vec2f(id.xy) / f32(STEPS) - 1.0);
-    var sum = vec3f(0.0);
-    var turn = vec2f(1.0, 0.0);
-    var start = 0.28209479177;
-    for (var m = 0u; m <= DEGREE; m++) {
-        if m > 0u {
-            turn = vec2f(turn.x * d.x - turn.y * d.y, turn.x * d.y + turn.y * d.x);
-            start *= sqrt(f32(2u * m + 1u) / f32(2u * m));
-        }
-        var below = 0.0;
-        var own = start;
-        for (var l = m; l <= DEGREE; l++) {
-            if l > m {
-                let step = recurrence[pair_of(l, m)];
-                let next = step.x * d.z * own - step.y * below;
-                below = own;
-                own = next;
-            }
-            let middle = l * l + l;
-            var light = harmonics[middle + m].xyz;
-            if m > 0u { light = 1.41421356 * (turn.x * light + turn.y * harmonics[middle - m].xyz); }
-            sum += own * light * blur.moments[l].xyz;
-        }
-    }
-    textureStore(blurred, id.xy, vec4f(stored(max(sum, vec3f(0.0))), 0.0));
 }
 
 var<workgroup> fluxes: array<vec4f, 256>;

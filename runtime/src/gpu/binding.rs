@@ -24,8 +24,6 @@ pub enum Slot {
     Exact,
     /// A flat texture of unsigned integers.
     Whole,
-    /// A texture array of floats that a sampler may filter.
-    Layers,
     /// A volume of floats that a sampler may filter.
     Volume,
     /// A volume of unsigned integers.
@@ -52,7 +50,7 @@ impl Slot {
             view_dimension,
         };
         use wgpu::TextureSampleType::{Float, Uint};
-        use wgpu::TextureViewDimension::{D2, D2Array, D3};
+        use wgpu::TextureViewDimension::{D2, D3};
         match self {
             Self::Uniform => buffer(wgpu::BufferBindingType::Uniform),
             Self::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
@@ -60,7 +58,6 @@ impl Slot {
             Self::Flat => texture(Float { filterable: true }, D2),
             Self::Exact => texture(Float { filterable: false }, D2),
             Self::Whole => texture(Uint, D2),
-            Self::Layers => texture(Float { filterable: true }, D2Array),
             Self::Volume => texture(Float { filterable: true }, D3),
             Self::WholeVolume => texture(Uint, D3),
             Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),

@@ -265,8 +265,8 @@ mod tests {
         let (mut off, mut all) = (0.0, 0.0);
         for cell in (0..found.len()).filter(|&cell| known[cell]) {
             let own = found[cell] as f32 * rays.step();
-            off += f64::from(own - wanted[cell]).powi(2);
-            all += f64::from(wanted[cell]).powi(2);
+            off += crate::gpu::square(own - wanted[cell]);
+            all += crate::gpu::square(wanted[cell]);
         }
         assert!(all > 0.0 && (off / all).sqrt() < ROUND_OFF, "{}", (off / all).sqrt());
     }

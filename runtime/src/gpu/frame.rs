@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn uniforms_of_sky_and_surroundings_lie_as_the_shaders_have_them() {
-        use crate::gpu::around::{Around, Blur, Window};
+        use crate::gpu::around::{Around, Window};
         use crate::gpu::light::Tints;
         use crate::gpu::shader::{AROUND, LOOK, MARCH};
         use crate::shade::sky::card::SkyUniform as Sky;
@@ -259,7 +259,6 @@ mod tests {
             2 * size_of::<Window>()
         );
         assert_layout!(AROUND, Around { mean, sun_open, glow_centre, glow_radius, glow_radiance, pad0 });
-        assert_layout!(AROUND, Blur { moments });
     }
 
     fn cameras() -> [Camera; 2] {

@@ -220,8 +220,8 @@ mod tests {
                 let known = relighter.known_light_cells();
                 let (mut off, mut all) = (0.0, 0.0);
                 for cell in (0..found.len()).filter(|&cell| known[cell]) {
-                    off += f64::from(found[cell] - wanted[cell]).powi(2);
-                    all += f64::from(wanted[cell]).powi(2);
+                    off += crate::gpu::square(found[cell] - wanted[cell]);
+                    all += crate::gpu::square(wanted[cell]);
                 }
                 assert!(all > 0.0 && (off / all).sqrt() < ROUND_OFF, "{name}: {}", (off / all).sqrt());
             }

@@ -55,6 +55,7 @@ macro_rules! shaders {
 
 shaders! {
     /// Nothing but the common part, run by its own tests.
+    #[cfg(test)]
     PROBE = "probe" [COMMON];
     /// Drops of a frame.
     RAIN_FIND = "rain_find" [COMMON, FIELD, TOWN_RAYS, IN_SCATTERING, RAIN];

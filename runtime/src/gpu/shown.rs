@@ -13,8 +13,6 @@ use crate::world::HIGHEST_DEGREE;
 
 /// Degrees of harmonics, 0 included.
 const DEGREES: usize = HIGHEST_DEGREE + 1;
-/// Harmonics.
-pub const HARMONICS: usize = DEGREES * DEGREES;
 
 plain! {
     /// `Moments` of shown.wgsl.
@@ -32,7 +30,7 @@ pub struct ShownPass {
 }
 
 impl ShownPass {
-    /// A pass that reads `harmonics`: [`HARMONICS`] coefficients of four numbers in the order l² + l + m.
+    /// A pass that reads `harmonics`: the world's coefficients, four numbers each, in the order l² + l + m.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, rain: &RainGroup, harmonics: &wgpu::Buffer) -> Self {
         let world_layout = gpu.layout("world's light", &[Slot::Uniform, Slot::Read, Slot::Read]);
         let out_layout = gpu.layout("shown", &[Slot::Store(wgpu::TextureFormat::Rgba32Float)]);

@@ -231,10 +231,7 @@ impl Card {
         self.frame.set_sky(&gpu, &uniform, is_other_sky.then_some(sky));
         let is_wet = frame.weather.rate.0 > 0.0;
         let has_around = is_wet || scene.town.is_some();
-        let (drops, undrawn) =
-            (frame.medium.drop_phase(), scene.rain_place.field(frame).rate(frame.weather.rate));
-        let undrawn = frame.medium.undrawn(undrawn);
-        self.around.set(&gpu, camera, [&drops, undrawn.phase()]);
+        self.around.set(&gpu, camera);
         let size = [camera.width, camera.height];
         let are_new = self.targets.as_ref().is_none_or(|targets| targets.size != size);
         if are_new {
@@ -269,8 +266,8 @@ impl Card {
             let is_new = !seen.as_ref().is_some_and(same);
             self.march.record(&gpu, &mut recorder, (&self.frame, &self.volumes), (targets, is_new));
             if has_around {
-                let asks = (scene.town.is_some(), if is_wet { 2 } else { 0 });
-                self.around.record(&mut recorder, (&self.frame, &self.volumes), asks);
+                let has_mirrors = scene.town.is_some();
+                self.around.record(&mut recorder, (&self.frame, &self.volumes), has_mirrors);
             }
         }
         self.weather.record_shown(&mut recorder, &self.frame.group);

@@ -3,7 +3,7 @@
 //! Marching a cloud for every mirrored ray would cost more than the picture itself; a few ten thousand rays into a
 //! window of azimuth and elevation, read back bilinearly, cost little and blur nothing that ripples leave sharp.
 
-#[cfg(feature = "gpu")]
+#[cfg(all(test, feature = "gpu"))]
 mod upload;
 
 use super::adaptive::{self, Spacing};

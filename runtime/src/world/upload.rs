@@ -1,11 +1,9 @@
 //! A world's light as a graphics card takes it.
 
-#[cfg(test)]
-use super::WorldLight;
 use super::degrees::Basis;
 
 #[cfg(test)]
-impl WorldLight {
+impl super::WorldLight {
     /// Every coefficient in the order l² + l + m; zeros above degree 2 where only those are known.
     pub(crate) fn all_coefficients(&self) -> Vec<[f32; 4]> {
         let known = self.harmonics.iter().chain(&self.finer);

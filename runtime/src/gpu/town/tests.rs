@@ -88,7 +88,7 @@ impl Case {
     }
 
     fn flash(name: &'static str) -> Self {
-        let place = |i: f32| Vec3::new(220.0 + 30.0 * (i * 1.7).sin(), 700.0 + 3.0 * i, 800.0 - 40.0 * i);
+        let place = |i: f32| Vec3::new(220.0 + 30.0 * libm::sinf(i * 1.7), 700.0 + 3.0 * i, 800.0 - 40.0 * i);
         let line = |i: u8| LineLight {
             from: place(f32::from(i)),
             to: place(f32::from(i) + 1.0),
@@ -308,9 +308,9 @@ const OTHER_FACETS: f64 = 1e-3;
 fn apart(wanted: &TownFrame, found: &Drawn) -> [f64; 3] {
     let (mut misses, mut whole, mut covers, mut far) = (Vec::new(), 0.0, 0.0, 0.0);
     for (i, pixel) in wanted.pixels.iter().enumerate() {
-        let off = |band: usize| f64::from(found.town[i][band] - pixel.radiance[band]).powi(2);
+        let off = |band: usize| crate::gpu::square(found.town[i][band] - pixel.radiance[band]);
         misses.push((0..3).map(off).sum::<f64>());
-        whole += pixel.radiance.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>();
+        whole += pixel.radiance.iter().map(|&value| crate::gpu::square(value)).sum::<f64>();
         covers += f64::from(u8::from((found.town[i][3] - pixel.cover).abs() > 1e-3));
         let wanted = pixel.distance.min(1e30);
         far += f64::from(u8::from((found.metres[i] - wanted).abs() > 1e-4 * wanted));

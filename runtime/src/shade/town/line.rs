@@ -41,7 +41,7 @@ struct Ball {
 }
 
 impl From<Vec<LineLight>> for Images {
-    /// Lines that together send less than [`FAINT`] of the light, those that stand deep in cloud, are left out.
+    /// Lines that together send less than a faint share (`FAINT`) of the light, those that stand deep in cloud, are left out.
     fn from(mut lines: Vec<LineLight>) -> Self {
         let light = |line: &LineLight| line.visibility * line.intensity.iter().sum::<f32>();
         let mut sorted: Vec<f32> = lines.iter().map(light).collect();
