@@ -38,15 +38,26 @@ struct Strike {
 /// use squall_page::Player;
 /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/golden/v1/golden.squall");
 /// # let file = std::fs::read(path)?;
+/// // From anywhere: `file` stands for a request.
+/// let fetch = |player: &mut Player| {
+///     while let Some(range) = player.wanted() {
+///         let end = range.end.min(file.len() as u64);
+///         player.give(range.start, &file[range.start as usize..end as usize])?;
+///     }
+///     Ok::<(), squall_runtime::RuntimeError>(())
+/// };
 /// let mut player = Player::default();
-/// while let Some(range) = player.wanted() {
-///     let end = range.end.min(file.len() as u64);
-///     player.give(range.start, &file[range.start as usize..end as usize])?;
-/// }
+/// fetch(&mut player)?;
 /// player.open()?;
 /// player.set("rate_mm_per_h", 20.0)?;
-/// let pixels = player.draw(64, 36)?;
-/// assert_eq!(pixels.len(), 64 * 36 * 4);
+/// // A picture lacks the rows of its strokes, then those of its sky: each once.
+/// for _ in 0..3 {
+///     if player.draw(64, 36).is_ok() {
+///         break;
+///     }
+///     fetch(&mut player)?;
+/// }
+/// assert_eq!(player.draw(64, 36)?.len(), 64 * 36 * 4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Default)]
