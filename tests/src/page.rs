@@ -33,7 +33,7 @@ const keep = () => {
 try {
   await squall.ready;
   keep();
-  await squall.set({ rate_mm_per_h: 60, fov_deg: 40 });
+  await squall.set({ rate_mm_per_h: 45, fov_deg: 40 });
   keep();
   await squall.strike(0.5, 0.4);
   keep();
@@ -270,7 +270,7 @@ fn a_browser_loads_strikes_and_shows_the_pictures_of_a_native_program() {
             let [width, height] = ["width", "height"].map(|side| frame[side].as_u64().unwrap() as u32);
             match at {
                 1 => {
-                    player.set("rate_mm_per_h", 60.0).unwrap();
+                    player.set("rate_mm_per_h", 45.0).unwrap();
                     player.set("fov_deg", 40.0).unwrap();
                 }
                 2 => drop(player.strike(0.5, 0.4).unwrap()),
