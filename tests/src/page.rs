@@ -1,6 +1,6 @@
 //! The page that plays an asset, in a browser without a screen: it loads, strikes, and shows the pictures that a native program draws.
 
-use crate::layering::{cargo, rustc, usual_rustc};
+use crate::wasm::module;
 use crate::{root, skip};
 use serde_json::Value;
 use squall_page::Player;
@@ -12,7 +12,6 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
-const TARGET: &str = "wasm32-unknown-unknown";
 /// What page, scripts and module may take in all, bytes.
 const LARGEST_PAGE: u64 = 2_000_000;
 /// What a browser may take to load, draw four pictures and tell, on a busy machine.
@@ -68,27 +67,6 @@ addEventListener("unhandledrejection", (event) => errors.push(String(event.reaso
 const error = console.error;
 console.error = (...words) => { errors.push(words.join(" ")); error(...words); };
 </script><img src="/hold" alt="" hidden>"#;
-
-/// The module; `None` (said aloud) without the target.
-fn module() -> Option<PathBuf> {
-    let compiler = std::env::var_os("SQUALL_WASM_RUSTC").unwrap_or_else(usual_rustc);
-    let library = rustc(&compiler, &["--print", "target-libdir", "--target", TARGET]);
-    if library.is_empty() || !Path::new(&library).is_dir() {
-        skip("SQUALL_REQUIRE_WASM", "no wasm32 target");
-        return None;
-    }
-    // A folder of its own, since whoever runs the tests may hold the lock of the usual one.
-    let folder = root().join("target/wasm32");
-    let output = cargo()
-        .args(["build", "--release", "--locked", "--offline", "--quiet", "-p", "squall-page"])
-        .args(["--target", TARGET, "--target-dir"])
-        .arg(&folder)
-        .env("RUSTC", compiler)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    Some(folder.join(TARGET).join("release/squall_page.wasm"))
-}
 
 fn browser() -> Option<&'static str> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
@@ -244,7 +222,7 @@ fn from_base64(text: &str) -> Vec<u8> {
 
 #[test]
 fn a_browser_loads_strikes_and_shows_the_pictures_of_a_native_program() {
-    let (Some(module), Some(browser)) = (module(), browser()) else { return };
+    let (Some(module), Some(browser)) = (module("squall-page"), browser()) else { return };
     let asset = root().join("data/golden/v1/golden.squall");
     let folder = folder(&module, &asset);
     let own = folder.path().read_dir().unwrap().map(|file| file.unwrap());
