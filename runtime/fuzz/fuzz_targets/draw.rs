@@ -21,6 +21,7 @@ fn draw_frame(asset: &Asset, view: &ViewSection) -> std::result::Result<Vec<[f32
     let quality = FrameQuality {
         town: squall_runtime::shade::town::frame::Quality { samples: 1, facets: 1, ..Default::default() },
         rays: squall_runtime::single_scatter::DirectRays::PerPoint(8),
+        ..FrameQuality::STILL
     };
     Ok(renderer.render(&Frame::from(view).quality(quality))?.pixels.clone())
 }
