@@ -14,6 +14,7 @@
 
 #[cfg(feature = "gpu")]
 pub(crate) mod card;
+mod gather;
 mod half;
 mod kept;
 mod light;
@@ -21,11 +22,14 @@ mod sky;
 #[cfg(feature = "live")]
 mod solve;
 
+pub use gather::LightQuality;
 pub use half::f16_bits;
 #[cfg(feature = "gpu")]
 pub(crate) use half::f16_value;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
+#[cfg(feature = "live")]
+pub use squall_transport::gather::GatherReport;
 
 use crate::error::RuntimeError;
 use crate::frame::Flash;
@@ -58,8 +62,11 @@ pub struct Clouds {
     buffers: RelightBuffers,
     kept: Kept,
     rays: DirectRays,
+    quality: LightQuality,
     #[cfg(feature = "live")]
     solver: Option<crate::live::LiveSolver>,
+    #[cfg(feature = "live")]
+    gatherer: Option<gather::Gatherer>,
 }
 
 /// What one call's light came from.
@@ -69,6 +76,15 @@ pub(crate) struct LightReport {
     pub sources: usize,
     pub live: usize,
     pub kept: usize,
+    /// Largest residual that the last gather of a stroke's found.
+    pub residual: Option<f64>,
+}
+
+impl LightReport {
+    /// Takes in how far a stroke's light came.
+    fn take_residual(&mut self, residual: Option<f64>) {
+        self.residual = self.residual.into_iter().chain(residual).reduce(f64::max);
+    }
 }
 
 impl Clouds {
@@ -86,8 +102,11 @@ impl Clouds {
             buffers: RelightBuffers::default(),
             kept: Kept::default(),
             rays: DirectRays::STILL,
+            quality: LightQuality::PLAIN,
             #[cfg(feature = "live")]
             solver: None,
+            #[cfg(feature = "live")]
+            gatherer: None,
         })
     }
 
@@ -176,14 +195,30 @@ impl Clouds {
             direct: if in_rows { outside.clone() } else { lights.to_vec() },
             live: Vec::new(),
             live_report: None,
+            #[cfg(feature = "live")]
+            gathered: None,
             lights: lights.len(),
             lights_outside: outside.len(),
             sources,
         };
-        if !outside.is_empty() {
-            self.solve_outside(&outside, watch, &mut light)?;
-        }
+        self.finish((&inside, &outside), watch, &mut light)?;
         Ok(light)
+    }
+
+    #[cfg(not(feature = "live"))]
+    fn finish(
+        &self,
+        (_, outside): (&[PointLight], &[PointLight]),
+        watch: &mut dyn FnMut(f64) -> bool,
+        light: &mut CloudLight,
+    ) -> Result<(), RuntimeError> {
+        self.solve_outside(outside, watch, light)
+    }
+
+    /// Whether rows alone are not what light is made of.
+    #[cfg(all(feature = "gpu", not(feature = "live")))]
+    fn gathers(&self) -> bool {
+        false
     }
 
     #[cfg(not(feature = "live"))]
@@ -344,6 +379,7 @@ impl Clouds {
                     sources: light.sources,
                     live: light.lights_outside,
                     kept: 0,
+                    residual: light.residual(),
                 };
                 self.kept.insert(stroke.clone(), viewer, rays, (j, own))
             }
@@ -352,6 +388,7 @@ impl Clouds {
         report.lights += own.lights;
         report.sources += own.sources;
         report.live += own.live;
+        report.take_residual(own.residual);
         Ok(j)
     }
 }

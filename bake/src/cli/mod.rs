@@ -16,6 +16,7 @@ mod folder;
 mod inspect;
 pub mod interrupt;
 pub mod json;
+mod light_quality;
 mod limits;
 mod page;
 mod picture;

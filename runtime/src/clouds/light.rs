@@ -88,13 +88,15 @@ pub struct CloudLight {
     /// J's 16 harmonic coefficients per cell of live light; empty where nothing was solved for.
     pub(super) live: Vec<f32>,
     pub(super) live_report: Option<LiveReport>,
+    #[cfg(feature = "live")]
+    pub(super) gathered: Option<super::GatherReport>,
     pub(super) lights: usize,
     pub(super) lights_outside: usize,
     pub(super) sources: usize,
 }
 
 impl CloudLight {
-    /// The light as the rows hold it.
+    /// The light as the rows hold it; nothing where it went into gathers ([`super::LightQuality::gathers`]).
     pub fn relit(&self) -> Relit<'_> {
         Relit {
             basis: self.basis,
@@ -129,6 +131,12 @@ impl CloudLight {
         self.live_report
     }
 
+    /// How gathers went, if there were any. The light of rows and live solves is one then.
+    #[cfg(feature = "live")]
+    pub fn gather_report(&self) -> Option<super::GatherReport> {
+        self.gathered
+    }
+
     /// In-scattered radiance J towards `viewer` per cell, direct light included, W/(m² sr), into `out`; never negative.
     ///
     /// Errors: a viewer outside the asset's view region; `out` is not one grid long.
@@ -147,7 +155,7 @@ impl CloudLight {
     /// Errors: an asset baked for a view region, whose rows hold light towards that alone; `out` is not one grid long.
     pub fn fluence(&self, out: &mut [f32]) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
-        check_fluence(self.basis)?;
+        check_fluence(self.relighter.response().head.basis)?;
         let lit = self.in_scattered();
         let relighter = &self.relighter;
         out.fill(0.0);
@@ -170,6 +178,14 @@ impl CloudLight {
             *value = if known[cell] { whole } else { 0.0 };
         }
         Ok(())
+    }
+
+    /// The residual that the last gather found, if there was any.
+    pub(super) fn residual(&self) -> Option<f64> {
+        #[cfg(feature = "live")]
+        return self.gathered.map(|report| report.residual);
+        #[cfg(not(feature = "live"))]
+        None
     }
 
     fn settings(&self) -> DirectSettings {

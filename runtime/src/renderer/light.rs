@@ -80,6 +80,7 @@ pub fn light_cells(
 ) -> Result<FrameReport, RuntimeError> {
     let viewer = Viewer::from(&frame.camera);
     clouds.set_rays(frame.quality.rays);
+    clouds.set_quality(frame.quality.light)?;
     let mut light = vec![Vec3::ZERO; clouds.cloud().shape.len()];
     let lit = clouds.add_flashes(&frame.flashes, viewer, &mut light)?;
     with_extinction(clouds.cloud(), &light, flash_cells);
@@ -91,6 +92,7 @@ pub fn light_cells(
         sources: lit.sources,
         lights_live: lit.live,
         strokes_kept: lit.kept,
+        gather_residual: lit.residual,
         streaks: 0,
         sun: of_sky.sun,
         sky_missing: !of_sky.whole,
