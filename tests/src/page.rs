@@ -15,7 +15,7 @@ use std::time::Duration;
 /// What page, scripts and module may take in all, bytes.
 const LARGEST_PAGE: u64 = 2_000_000;
 /// What a browser may take to load, draw four pictures and tell, on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(300);
 /// How far a pixel may differ between the module and this build, of 255: nothing, both do the same operations in the same order.
 /// Other architectures may add four lanes in another order, which is a step at most.
 const DIFFERENCE: u8 = if cfg!(target_arch = "x86_64") { 0 } else { 1 };
@@ -98,8 +98,7 @@ fn serve(folder: &Path, script: &str) -> (u16, Receiver<Value>) {
     let script: Arc<str> = script.into();
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
-            let (folder, told, send, script) =
-                (folder.clone(), told.clone(), send.clone(), script.clone());
+            let (folder, told, send, script) = (folder.clone(), told.clone(), send.clone(), script.clone());
             std::thread::spawn(move || {
                 let (path, range, body) = request(&stream);
                 match path.as_str() {
@@ -187,8 +186,14 @@ const WITHOUT_CARD: [&str; 1] = ["--disable-gpu"];
 const WITH_CARD: [&str; 3] =
     ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
 
-/// What the page tells in a window of some width; with `SQUALL_SCREENSHOT` set to a folder, a picture of it goes there.
-fn played(browser: &str, folder: &Path, width: u32, (flags, script): (&[&str], &str)) -> Value {
+/// What the page tells in a window of some width; with `SQUALL_SCREENSHOT` set to a folder, a picture of it goes there. `query` belongs
+/// to its address.
+fn played(
+    browser: &str,
+    (folder, query): (&Path, &str),
+    width: u32,
+    (flags, script): (&[&str], &str),
+) -> Value {
     let (port, told) = serve(folder, script);
     let profile = tempfile::tempdir().unwrap();
     let picture =
@@ -197,9 +202,9 @@ fn played(browser: &str, folder: &Path, width: u32, (flags, script): (&[&str], &
         .args(["--headless=new", "--no-sandbox", "--hide-scrollbars"])
         .args(flags)
         .arg(format!("--user-data-dir={}", profile.path().display()))
-        .arg(format!("--screenshot={}", picture.join(format!("page-{width}{}.png", flags.len())).display()))
-        .arg(format!("--window-size={width},1000"))
-        .arg(format!("http://127.0.0.1:{port}/"))
+        .arg(format!("--screenshot={}", picture.join(format!("page-{width}.png")).display()))
+        .arg(format!("--window-size={width},760"))
+        .arg(format!("http://127.0.0.1:{port}/{query}"))
         .stderr(Stdio::null())
         .stdout(Stdio::null())
         .spawn()
@@ -272,7 +277,7 @@ fn a_browser_without_a_card_loads_strikes_and_shows_the_pictures_of_a_native_pro
 
     // A desk's screen and a telephone's.
     for width in [1200, 500] {
-        let told = played(browser, folder.path(), width, (&WITHOUT_CARD, TEST_SCRIPT));
+        let told = played(browser, (folder.path(), ""), width, (&WITHOUT_CARD, TEST_SCRIPT));
         check(&told);
         let backend = told["backend"].as_str().unwrap();
         assert!(backend.starts_with("Drawn by the processor") && backend.contains("WebGPU"), "{backend}");
@@ -297,7 +302,7 @@ fn a_browser_with_webgpu_draws_the_processors_pictures_on_its_card() {
     let (Some(module), Some(browser)) = (module("squall-page", "page"), browser()) else { return };
     let asset = root().join("data/golden/v1/golden.squall");
     let folder = folder(&module, &asset);
-    let told = played(browser, folder.path(), 1200, (&WITH_CARD, TEST_SCRIPT));
+    let told = played(browser, (folder.path(), ""), 1200, (&WITH_CARD, TEST_SCRIPT));
     check(&told);
     let backend = told["backend"].as_str().unwrap();
     assert!(backend.starts_with("Drawn on the graphics card: "), "{backend}");
@@ -314,7 +319,26 @@ fn a_browser_with_webgpu_draws_the_processors_pictures_on_its_card() {
         assert!(off < OFF && within >= WITHIN_TWO, "picture {at}: {off} of 255, {within} within two");
         assert!(at == 0 || *found != pictures[at - 1].0, "picture {at} is the one before");
     }
+    // README.md's picture: docs/page.md.
+    if let Some(asset) = std::env::var_os("SQUALL_SCREENSHOT_ASSET") {
+        std::fs::copy(asset, folder.path().join("asset.squall")).unwrap();
+        let told = played(browser, (folder.path(), "?width=640"), 1200, (&WITH_CARD, SHOWN));
+        assert_eq!(told["errors"], Value::Array(Vec::new()), "{told}");
+    }
 }
+
+/// What is done on the page before a picture of it is taken.
+const SHOWN: &str = r#"
+const told = { errors: window.errors };
+try {
+  await squall.ready;
+  await squall.set({ fov_deg: 50, gain: 4 });
+  await squall.strike(0.6, 0.3);
+} catch (error) {
+  told.errors.push(String(error));
+}
+await fetch("/told", { method: "POST", body: JSON.stringify(told) });
+"#;
 
 #[cfg(feature = "gpu")]
 #[test]
@@ -342,8 +366,11 @@ await fetch("/told", { method: "POST", body: JSON.stringify(told) });
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("index.html"), "<!doctype html><main></main></html>").unwrap();
     let script = format!("const SHADERS = {};{SCRIPT}", Value::from(shaders.clone()));
-    let told = played(browser, folder.path(), 600, (&WITH_CARD, &script));
-    assert_eq!((&told["errors"], &told["shaders"]), (&Value::from(Vec::<Value>::new()), &shaders.len().into()));
+    let told = played(browser, (folder.path(), ""), 600, (&WITH_CARD, &script));
+    assert_eq!(
+        (&told["errors"], &told["shaders"]),
+        (&Value::from(Vec::<Value>::new()), &shaders.len().into())
+    );
 }
 
 #[test]

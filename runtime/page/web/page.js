@@ -50,14 +50,18 @@ function say(words, bad = false) {
 }
 
 let picture = { width: 0, height: 0, pixels: new Uint8ClampedArray() };
+const query = new URLSearchParams(location.search);
+/** What `?width=` says, for whoever wants pictures of one size however long they take. */
+const FIXED = Math.round(Math.min(4096, Math.max(0, Number(query.get("width")) || 0)));
+
 let budget = BUDGETS.processor;
-let width = budget.widths[2];
+let width = FIXED || budget.widths[2];
 let resting;
 let values = {};
 let moved = null;
 
 function size(wide = width) {
-  return { width: wide, height: Math.round((wide * 9) / 16) };
+  return { width: wide, height: Math.max(1, Math.round((wide * 9) / 16)) };
 }
 
 function show(drawn) {
@@ -76,6 +80,7 @@ function show(drawn) {
 
 /** One step wider or narrower, so that the next picture takes about the budget. */
 function adapt(drawn) {
+  if (FIXED) return;
   const own = drawn.onCard ? BUDGETS.card : BUDGETS.processor;
   if (own !== budget) {
     // The first picture of a card waits for its shaders.
@@ -99,7 +104,7 @@ function widest(drawn) {
 function rest(drawn) {
   clearTimeout(resting);
   const wide = widest(drawn);
-  if (playing || wide <= drawn.width) return;
+  if (FIXED || playing || wide <= drawn.width) return;
   resting = setTimeout(() => {
     if (!running && !playing) told((running = picture_of(wide)));
   }, STILL_AFTER_MS);
@@ -233,7 +238,7 @@ canvas.addEventListener("keydown", (event) => {
 
 async function start() {
   const controls = [...new Set([...inputs.map((input) => input.name), "x_m", "y_m", "z_m"])];
-  const backend = new URLSearchParams(location.search).get("backend");
+  const backend = query.get("backend");
   values = await call("open", { module: "squall_page.wasm", asset: ASSET, backend, controls });
   reflect();
   await draw();
