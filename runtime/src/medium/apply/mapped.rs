@@ -73,8 +73,9 @@ impl Mapped {
 
 /// Largest less smallest; no number where one of them is none.
 fn spread([a, b, c, d]: [f32; 4]) -> f32 {
-    let sum = a + b + c + d;
-    a.max(b).max(c.max(d)) - a.min(b).min(c.min(d)) + (sum - sum)
+    // `max` passes over what is no number; the sum does not.
+    let found = a.max(b).max(c.max(d)) - a.min(b).min(c.min(d));
+    if (a + b + c + d).is_finite() { found } else { f32::NAN }
 }
 
 fn between([a, b, c, d]: [f32; 4], [u, v]: [f32; 2]) -> f32 {
@@ -109,7 +110,7 @@ impl<V: RainPath> BandMedium<'_, V> {
         secant: f32,
     ) -> f32 {
         // Holes of the depth buffer are filled elsewhere.
-        if !(range > 0.0) {
+        if range.is_nan() || range <= 0.0 {
             return self.one_optical_depth([x, y], range, secant);
         }
         if range >= self.farthest {
