@@ -112,14 +112,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let text =
         format!("{}: grid {name}, {unit}, {nx} × {ny} × {nz} cells, {} bytes\n", output.name(), bytes.len());
     // A file on standard output has it to itself.
-    if output.is_stdout() { Ok(eprint!("{text}")) } else { super::table::print(&text) }
+    if output.is_stdout() {
+        eprint!("{text}");
+        return Ok(());
+    }
+    super::table::print(&text)
 }
 
 fn quantity(args: &Args, asset: &Asset, clouds: &mut Clouds) -> anyhow::Result<Cells> {
     if args.density {
         return Ok(Cells::One("density", "1/m", clouds.cloud().extinction.clone()));
     }
-    let flashes = |names: &[String]| names.iter().map(|name| Flash::named(name)).collect::<Vec<_>>();
+    let flashes = |names: &[String]| names.iter().map(Flash::named).collect::<Vec<_>>();
     let count = clouds.cloud().shape.len();
     if !args.fluence.is_empty() {
         let mut cells = vec![[0.0; 3]; count];
