@@ -88,9 +88,8 @@ fn a_grid_in_other_cells_keeps_its_mass_and_says_what_was_done() {
 fn light_goes_out_as_the_library_gives_it() {
     let folder = tempfile::tempdir().unwrap();
     let mut clouds = clouds();
-    let stroke = squall_runtime::StormRenderer::new(&Asset::open(golden()).unwrap()).unwrap().strokes()[0]
-        .name
-        .clone();
+    let stroke =
+        squall_runtime::StormRenderer::new(Asset::open(golden()).unwrap()).unwrap().strokes()[0].name.clone();
     let count = clouds.cloud().shape.len();
     let mut wanted = vec![[0.0; 4]; count];
     clouds.radiance(&[Flash::named(&stroke)], glam::DVec3::new(10.0, -400.0, 30.0), &mut wanted).unwrap();
@@ -145,9 +144,8 @@ print('read', grid.transform.indexToWorld((0, 0, 0)))
     };
     let folder = tempfile::tempdir().unwrap();
     let files = ["d.vdb", "l.vdb", "d.npy", "l.npy"].map(|name| folder.path().join(name));
-    let stroke = squall_runtime::StormRenderer::new(&Asset::open(golden()).unwrap()).unwrap().strokes()[0]
-        .name
-        .clone();
+    let stroke =
+        squall_runtime::StormRenderer::new(Asset::open(golden()).unwrap()).unwrap().strokes()[0].name.clone();
     let light = ["--light", &stroke, "--viewer", "10,-400,30"];
     for (args, out) in [(&["--density"][..], 0), (&light, 1), (&["--density"], 2), (&light, 3)] {
         exported(args, &files[out]);
