@@ -37,6 +37,7 @@ fn lower_edge(bin: usize) -> f32 {
 /// Compresses the planes of one source so that the root of all squared errors stays at or below `relative_error` times the
 /// root of all squared values.
 ///
+/// Rows of codec `Entropy` come as `Bytes` has them: the section that they go into codes them over all rows.
 /// `coefficients` holds `planes` planes from [`squall_formats::haar::Haar::forward`]. With codec `Paper` nothing is quantised.
 /// `relative_error` 0 keeps every coefficient that is not zero.
 pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_error: f64) -> CompressedRow {
@@ -62,7 +63,7 @@ pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_
         below += count[candidate];
         let quantised = match codec {
             Codec::Paper => 0.0,
-            Codec::Bytes => {
+            Codec::Bytes | Codec::Entropy => {
                 let step = f64::from(lower_edge(candidate + 1) * STEP_PER_THRESHOLD);
                 (all - below) as f64 * step * step / 12.0
             }
@@ -93,7 +94,7 @@ fn square(value: f32) -> f64 {
 /// Writes all planes with threshold ξ: coefficients of magnitude ξ and above are kept.
 fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -> CompressedRow {
     // A threshold of 0 keeps all that is not zero; the step then has to be something else.
-    let step = if codec == Codec::Bytes { threshold * STEP_PER_THRESHOLD } else { 0.0 };
+    let step = if codec == Codec::Paper { 0.0 } else { threshold * STEP_PER_THRESHOLD };
     // A step whose largest multiple is no number is none: coefficients that large are kept as they are.
     let step = if (step * 127.0).is_finite() { step } else { 0.0 };
     let (mut heads, mut streams) = (Vec::new(), Vec::new());
@@ -113,7 +114,7 @@ fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -
                     paper.extend_from_slice(&(index as u32).to_le_bytes());
                     paper.extend_from_slice(&value.to_le_bytes());
                 }
-                Codec::Bytes => {
+                Codec::Bytes | Codec::Entropy => {
                     let steps = (value / step).round();
                     if step > 0.0 && steps.abs() <= 127.0 {
                         writer.small(index, steps as i8);
@@ -146,14 +147,14 @@ fn round_up(sum: f64) -> f32 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use squall_formats::section::response::{accumulate, coefficient_planes};
+    use squall_formats::section::response::{RowCode, accumulate, coefficient_planes};
 
     fn decode(row: &CompressedRow, count: usize, cells: usize, codec: Codec) -> Vec<f32> {
         let mut out = vec![0.0; count * cells];
         for (coded, plane) in
             coefficient_planes(&row.bytes, count).unwrap().iter().zip(out.chunks_exact_mut(cells))
         {
-            accumulate(coded, codec, 1.0, plane).unwrap();
+            accumulate(coded, &RowCode::plain(codec), 1.0, plane).unwrap();
         }
         out
     }

@@ -335,7 +335,7 @@ impl Relighter {
             let parts = coefficient_planes(bytes?, count).map_err(|error| self.asset.wrap(error))?;
             self.verified[row].store(true, Ordering::Relaxed);
             for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
-                accumulate(coefficients, self.response.head.codec, weight.intensity, sums)
+                accumulate(coefficients, &self.response.code, weight.intensity, sums)
                     .map_err(|error| self.asset.wrap(error))?;
             }
         }

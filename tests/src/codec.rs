@@ -15,7 +15,9 @@ use squall_formats::haar::Haar;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
-use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis, DistantKind, accumulate};
+use squall_formats::section::response::{
+    self, Codec, DirectTerm, DirectionalBasis, DistantKind, RowCode, accumulate,
+};
 use squall_runtime::Asset;
 use squall_runtime::random::Random;
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
@@ -304,7 +306,7 @@ proptest! {
         let basis = response::coefficient_planes(&row.bytes, 2).unwrap();
         for ((channel, wanted), bound) in basis.iter().zip(values.chunks_exact(shape.len())).zip(&row.bounds) {
             let mut cells = vec![0.0; shape.len()];
-            accumulate(channel, Codec::Paper, 1.0, &mut cells).unwrap();
+            accumulate(channel, &RowCode::plain(Codec::Paper), 1.0, &mut cells).unwrap();
             haar.inverse(&mut cells, &mut scratch);
             let squared: f64 = cells.iter().zip(wanted).map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum();
             let gamma = f64::from(bound.discarded) * f64::from(bound.discarded);

@@ -269,7 +269,7 @@ fn fluence_is_that_of_a_solve_in_the_mean_and_never_negative() {
     let mut text = "[clouds]\nscene = \"scene.json\"\n[clouds.lightning]\nlow_m = [-225.0, -175.0, -175.0]\n\
         high_m = [225.0, 275.0, 125.0]\nspacing_m = 25.0\nlongest_m = 25.0\nprune = true\n[clouds.transport]\n\
         directions = \"4x16\"\nrefine = 3\n[clouds.response]\nchannels = \"harmonics-1\"\ndirect = \"run-time\"\n\
-        error = 0.02\ntest_strokes = 0\n"
+        error = 0.02\ntest_strokes = 0\nseen_only = false\n"
         .to_owned();
     for (number, [x, y, z]) in LAMPS.into_iter().enumerate() {
         text += &format!(

@@ -83,7 +83,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
         for &error in &errors {
             progress.check()?;
             progress.advance(1);
-            for codec in [Codec::Bytes, Codec::Paper] {
+            for codec in [Codec::Entropy, Codec::Bytes, Codec::Paper] {
                 let ambients: &[bool] = if codec == Codec::Paper { &[false, true] } else { &[false] };
                 for &ambient in ambients {
                     let chosen = !ambient
@@ -196,6 +196,7 @@ fn coded(
     });
     done?;
     let series = match (codec, ambient) {
+        (Codec::Entropy, _) => "Haar, entropy-coded",
         (Codec::Bytes, _) => "Haar, quantised bytes",
         (Codec::Paper, false) => "paper's Haar + ξ, no ambient",
         (Codec::Paper, true) => "paper's Haar + ξ with ambient γ",

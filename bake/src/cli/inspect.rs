@@ -281,6 +281,7 @@ fn describe_response(head: &ResponseHead) -> String {
     let codec = match head.codec {
         Codec::Paper => "index and value",
         Codec::Bytes => "two bytes a coefficient",
+        Codec::Entropy => "entropy-coded",
     };
     let direct = match head.direct {
         DirectTerm::InRows => "direct light inside",

@@ -15,22 +15,26 @@ use squall_runtime::stroke::Stroke;
 
 /// Adding a coefficient of a row, a scattered addition.
 const NS_PER_COEFFICIENT: f64 = 3.2;
+/// Decoding gap and value of one before that, where they are coded by how rare they are.
+const NS_PER_DECODED: f64 = 9.0;
 /// Clearing and transforming a cell of a plane.
 const NS_PER_CELL: f64 = 3.0;
 
-/// Bytes that a coefficient takes, nearly: a pair of gap and value, or of index and value.
-fn bytes_each(codec: Codec) -> f64 {
+/// Bytes that a coefficient takes, nearly, and ns: a pair of gap and value, coded or not, or of index and value.
+fn bytes_and_ns(codec: Codec) -> (f64, f64) {
     match codec {
-        Codec::Bytes => 2.0,
-        Codec::Paper => 8.0,
+        Codec::Entropy => (0.95, NS_PER_COEFFICIENT + NS_PER_DECODED),
+        Codec::Bytes => (2.0, NS_PER_COEFFICIENT),
+        Codec::Paper => (8.0, NS_PER_COEFFICIENT),
     }
 }
 
 /// Milliseconds that relighting from rows of `bytes` bytes in all counts for.
 pub fn relight_ms(head: &ResponseHead, bytes: f64) -> f64 {
     let cells = head.shape.len() * head.basis.count();
-    let coefficients = bytes / bytes_each(head.codec);
-    1e-6 * (NS_PER_COEFFICIENT * coefficients + NS_PER_CELL * cells as f64)
+    let (each, ns) = bytes_and_ns(head.codec);
+    let coefficients = bytes / each;
+    1e-6 * (ns * coefficients + NS_PER_CELL * cells as f64)
 }
 
 /// Milliseconds that relighting `lights` counts for.

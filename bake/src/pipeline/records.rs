@@ -56,6 +56,7 @@ fn error_records(
     scores: &Scores,
 ) -> Vec<BudgetRecord> {
     let name = match head.codec {
+        Codec::Entropy => "entropy",
         Codec::Bytes => "bytes",
         Codec::Paper => "paper",
     };

@@ -132,6 +132,7 @@ enum DirectName {
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum CodecName {
+    Entropy,
     Bytes,
     Paper,
 }
@@ -308,7 +309,8 @@ impl CloudsFile {
                 DirectName::Rows => DirectTerm::InRows,
                 DirectName::RunTime => DirectTerm::AtRunTime,
             },
-            codec: match response.codec.unwrap_or(CodecName::Bytes) {
+            codec: match response.codec.unwrap_or(CodecName::Entropy) {
+                CodecName::Entropy => Codec::Entropy,
                 CodecName::Bytes => Codec::Bytes,
                 CodecName::Paper => Codec::Paper,
             },

@@ -47,7 +47,7 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
             let cells = response.head.shape.len();
             for row in 0..response.row_count() {
                 for plane in coefficient_planes(response.row(row)?, response.head.basis.count())? {
-                    check_stream(&plane, response.head.codec, cells)?;
+                    check_stream(&plane, &response.code, cells)?;
                 }
             }
             checked = Checked { bulk_bytes: response.rows.len() as u64, rows: response.row_count() };

@@ -1,21 +1,23 @@
-//! `CLRT` v3: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
+//! `CLRT` v4: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
 //!
 //! A row belongs to one virtual source and holds, per coefficient of a directional basis, the Haar transform of the cloud's
 //! answer to a source of unit strength: of in-scattered radiance J ([`crate::basis`]). Rows are contiguous and found through
 //! an index, so that a reader touches only the sources that a stroke needs.
 
+mod entropy;
 mod head;
 mod stream;
 mod sun;
 
 pub use crate::basis::DirectionalBasis;
+pub use entropy::EntropyRecord;
 pub use head::{
     Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis,
     SweepScheme, pack_seen,
 };
 pub use stream::{
-    COEFFICIENT_BYTES, CoefficientPlane, ESCAPE, StreamWriter, accumulate, check_stream, coefficient_planes,
-    each_coefficient,
+    COEFFICIENT_BYTES, CoefficientPlane, ESCAPE, RowCode, StreamWriter, accumulate, check_stream,
+    coefficient_planes, each_coefficient,
 };
 
 pub use sun::{SUN_TOLERANCE_RAD, SunDirections, towards_sun};
@@ -69,14 +71,16 @@ pub struct ResponseSection<'a> {
     pub bounds: &'a [CoefficientBound],
     /// All rows.
     pub rows: &'a [u8],
+    /// How they are read.
+    pub code: RowCode,
 }
 
 impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = head::TAG;
-    /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, or 3 with a sun or with light
-    /// on blocks of cells.
-    pub const VERSION: u16 = 3;
+    /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, 3 with a sun or with light
+    /// on blocks of cells, 4 with codec `Entropy`.
+    pub const VERSION: u16 = 4;
 
     /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
     pub fn read(bytes: &'a [u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {
@@ -115,7 +119,8 @@ impl<'a> ResponseSection<'a> {
             let found = format!("{} and {}", bounds[at].discarded, bounds[at].quantised);
             return Err(invalid(Some(offset), "error bounds", "finite and not negative", found));
         }
-        Ok(Self { version, head, index, bounds, rows })
+        let code = RowCode::new(head.codec, head.entropy.as_ref(), head.shape.len(), rows.len() as u64)?;
+        Ok(Self { version, head, index, bounds, rows, code })
     }
 
     /// Number of virtual sources.
@@ -224,13 +229,25 @@ pub struct ResponseRows {
     pub bounds: Vec<CoefficientBound>,
 }
 
-/// The section's bytes. `rows` are moved into it unchanged.
+/// The section's bytes. `rows` lie as codec `Paper` or `Bytes` has them; with codec `Entropy` they come as `Bytes` and are coded here,
+/// where that is shorter, else left so.
 pub fn write(head: &ResponseHead, rows: ResponseRows) -> OutSection {
     write_beside(head, rows, head.shape)
 }
 
 /// [`write()`] beside a cloud grid of shape `cloud`, blocks of whose cells the rows may describe.
-pub fn write_beside(head: &ResponseHead, rows: ResponseRows, cloud: GridShape) -> OutSection {
+pub fn write_beside(head: &ResponseHead, mut rows: ResponseRows, cloud: GridShape) -> OutSection {
+    let mut head = head.clone();
+    if head.codec == Codec::Entropy {
+        let size = (head.shape.len(), head.basis.count());
+        match entropy::transcoded(&rows.rows, &|_| head.shape.len(), size) {
+            Some((record, coded)) => {
+                head.entropy = Some(record);
+                rows.rows = coded;
+            }
+            None => head.codec = Codec::Bytes,
+        }
+    }
     let version = head.version(cloud != head.shape);
     let mut front = join_head(&head.encode(version));
     let start = front.len();

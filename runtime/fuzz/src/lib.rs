@@ -91,7 +91,7 @@ pub fn response(u: &mut Unstructured<'_>, cloud: &CloudHead) -> Result<OutSectio
             count += 1;
         }
     }
-    let codec = if u.arbitrary()? { Codec::Bytes } else { Codec::Paper };
+    let codec = *u.choose(&[Codec::Bytes, Codec::Paper, Codec::Entropy])?;
     let cells = cloud.shape.len();
     let head = ResponseHead {
         shape: cloud.shape,
@@ -117,6 +117,7 @@ pub fn response(u: &mut Unstructured<'_>, cloud: &CloudHead) -> Result<OutSectio
             None
         },
         sun: None,
+        entropy: None,
     };
     let rows: Vec<Vec<u8>> =
         (0..count).map(|_| row(u, codec, basis.count(), cells)).collect::<Result<_>>()?;
@@ -139,8 +140,8 @@ fn row(u: &mut Unstructured<'_>, codec: Codec, coefficients: usize, cells: usize
                     stream.extend((index as u32).to_le_bytes());
                     stream.extend(value.to_le_bytes());
                 }
-                Codec::Bytes if u.ratio(1, 8)? => writer.large(index, value),
-                Codec::Bytes => writer.small(index, u.int_in_range(-127..=127)?),
+                Codec::Bytes | Codec::Entropy if u.ratio(1, 8)? => writer.large(index, value),
+                Codec::Bytes | Codec::Entropy => writer.small(index, u.int_in_range(-127..=127)?),
             }
         }
         stream.extend(writer.take());

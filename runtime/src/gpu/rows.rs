@@ -196,10 +196,8 @@ impl Relighter {
                 if part.mean != 0.0 {
                     each(row, plane, 0, part.mean);
                 }
-                each_coefficient(part, response.head.codec, cells, |place, value| {
-                    each(row, plane, place, value)
-                })
-                .map_err(|error| self.wrap(error))?;
+                each_coefficient(part, &response.code, cells, |place, value| each(row, plane, place, value))
+                    .map_err(|error| self.wrap(error))?;
             }
         }
         Ok(())

@@ -3,7 +3,7 @@
 use crate::error::RuntimeError;
 use crate::load::Asset;
 use squall_formats::section::response::{
-    CoefficientBound, ResponseHead, ResponseSection, RowEntry, blocks_of, checked_row, row_bytes,
+    CoefficientBound, ResponseHead, ResponseSection, RowCode, RowEntry, blocks_of, checked_row, row_bytes,
 };
 use squall_formats::{GridShape, ReadError};
 use std::ops::Range;
@@ -19,6 +19,8 @@ pub struct Response {
     pub index: Vec<RowEntry>,
     /// One bound a row and coefficient, coefficients innermost.
     pub bounds: Vec<CoefficientBound>,
+    /// How rows are read.
+    pub code: RowCode,
     /// Where all rows lie in the asset's bytes.
     rows: Range<usize>,
 }
@@ -31,7 +33,8 @@ impl Response {
         let end = asset.directory().find(ResponseSection::TAG).map_or(0, |entry| entry.offset + entry.length);
         let rows = (end as usize).saturating_sub(section.rows.len())..end as usize;
         let (index, bounds) = (section.index.to_vec(), section.bounds.to_vec());
-        Ok(Self { asset: asset.clone(), version: section.version, head: section.head, index, bounds, rows })
+        let (version, head, code) = (section.version, section.head, section.code);
+        Ok(Self { asset: asset.clone(), version, head, index, bounds, code, rows })
     }
 
     /// Cells of a cloud grid of shape `cloud` in a cell of the rows, along x, y and z.

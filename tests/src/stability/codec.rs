@@ -3,7 +3,7 @@
 use squall_bake::compress::compress_row;
 use squall_formats::GridShape;
 use squall_formats::haar::Haar;
-use squall_formats::section::response::{Codec, accumulate, coefficient_planes};
+use squall_formats::section::response::{Codec, RowCode, accumulate, coefficient_planes};
 use squall_runtime::random::Random;
 
 #[test]
@@ -23,7 +23,7 @@ fn coefficients_beyond_the_quantisers_range_are_kept_as_they_are() {
                 for (channel, plane) in
                     coefficient_planes(&row.bytes, 2).unwrap().iter().zip(back.chunks_exact_mut(CELLS))
                 {
-                    accumulate(channel, codec, 1.0, plane).unwrap();
+                    accumulate(channel, &RowCode::plain(codec), 1.0, plane).unwrap();
                 }
                 let norm = |f: &dyn Fn(usize) -> f64| (0..2 * CELLS).map(|i| f(i) * f(i)).sum::<f64>().sqrt();
                 let off = norm(&|i| f64::from(values[i]) - f64::from(back[i]));

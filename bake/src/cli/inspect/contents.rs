@@ -63,6 +63,7 @@ pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
             DirectTerm::AtRunTime => "run-time",
         },
         "codec": match head.codec {
+            Codec::Entropy => "entropy",
             Codec::Bytes => "bytes",
             Codec::Paper => "paper",
         },

@@ -1,5 +1,6 @@
 //! A response's metadata: which sources its rows belong to, what their coefficients mean, how they were solved for.
 
+use super::entropy::EntropyRecord;
 use super::sun::SunDirections;
 use crate::basis::DirectionalBasis;
 use crate::error::{Limits, ReadError};
@@ -93,6 +94,8 @@ pub enum Codec {
     Paper,
     /// Gap and dead-zone quantised value, a byte each; rare large ones escape to f32.
     Bytes,
+    /// The same in as many bits as each is rare, over the places that rows use: [`super::EntropyRecord`]. New in version 4.
+    Entropy,
 }
 
 /// How a cell's mean flux is carried to its faces (runtime: `transport::sweep`).
@@ -150,21 +153,28 @@ pub struct ResponseHead {
     pub seen: Option<Vec<u8>>,
     /// Where the sun may stand whose beams are among the distant lights. New in version 3.
     pub sun: Option<SunDirections>,
+    /// How rows of codec `Entropy` are coded; [`super::write()`] makes it. New in version 4.
+    pub entropy: Option<EntropyRecord>,
 }
 
 impl ResponseHead {
     /// The oldest version that can say this, which is the one that is written.
     pub(super) fn version(&self, cloud_blocks: bool) -> u16 {
-        if self.sun.is_some() || cloud_blocks { 3 } else { 2 }
+        match (self.codec, self.sun.is_some() || cloud_blocks) {
+            (Codec::Entropy, _) => 4,
+            (_, true) => 3,
+            (_, false) => 2,
+        }
     }
 
     /// The metadata record of a section of `version`.
     pub(super) fn encode(&self, version: u16) -> Vec<u8> {
-        if version >= 3 {
+        if version >= 4 {
             return meta::encode(self);
         }
-        let Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, .. } = self;
-        meta::encode(&(shape, sources, distant, basis, direct, codec, solver, view_region, seen))
+        let Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, .. } = self;
+        let old = (shape, sources, distant, basis, direct, codec, solver, view_region, seen);
+        if version == 3 { meta::encode(&(old, sun)) } else { meta::encode(&old) }
     }
 
     /// Whether the rows' light in cell `cell` means something.
@@ -180,6 +190,19 @@ pub fn pack_seen(seen: &[bool]) -> Vec<u8> {
     let byte =
         |cells: &[bool]| cells.iter().enumerate().fold(0, |byte, (bit, &seen)| byte | u8::from(seen) << bit);
     seen.chunks(8).map(byte).collect()
+}
+
+/// [`ResponseHead`] as version 3 has it.
+#[derive(Deserialize)]
+struct HeadV3 {
+    before: HeadV2,
+    sun: Option<SunDirections>,
+}
+
+impl From<HeadV3> for ResponseHead {
+    fn from(head: HeadV3) -> Self {
+        Self { sun: head.sun, ..head.before.into() }
+    }
 }
 
 /// [`ResponseHead`] as version 2 has it.
@@ -199,7 +222,8 @@ struct HeadV2 {
 impl From<HeadV2> for ResponseHead {
     fn from(head: HeadV2) -> Self {
         let HeadV2 { shape, sources, distant, basis, direct, codec, solver, view_region, seen } = head;
-        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun: None }
+        let (sun, entropy) = (None, None);
+        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, entropy }
     }
 }
 
@@ -232,6 +256,7 @@ impl HeadV1 {
             view_region: None,
             seen: None,
             sun: None,
+            entropy: None,
         })
     }
 }
@@ -245,6 +270,7 @@ impl ResponseHead {
         let head: Self = match version {
             1 => meta::decode::<HeadV1>(TAG, record, limits)?.newest()?,
             2 => meta::decode::<HeadV2>(TAG, record, limits)?.into(),
+            3 => meta::decode::<HeadV3>(TAG, record, limits)?.into(),
             _ => meta::decode(TAG, record, limits)?,
         };
         let cells = head.shape.checked_len().filter(|&cells| cells as u64 <= limits.cells);
@@ -253,6 +279,9 @@ impl ResponseHead {
         }
         if let DirectionalBasis::Harmonics { degree: degree @ 4.. } = head.basis {
             return Err(invalid(None, "basis", "harmonics of degree 0 to 3", degree.to_string()));
+        }
+        if head.codec == Codec::Entropy && version < 4 {
+            return Err(invalid(None, "codec", "one of the section's version", "entropy".into()));
         }
         head.check_view_region()?;
         head.check_seen()?;

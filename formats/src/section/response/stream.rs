@@ -1,7 +1,9 @@
 //! A row's planes, one a coefficient of the directional basis, and what they are stored as, forward beside inverse. Bytes: SPEC.md, "CLRT".
 
+use super::entropy::{EntropyRecord, EntropyTables, no_tables};
 use super::head::{Codec, TAG, invalid};
 use crate::error::ReadError;
+use std::sync::Arc;
 
 /// A row's plane of one basis coefficient, over all cells, as it lies in the file: its Haar transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,8 +56,39 @@ pub fn coefficient_planes(row: &[u8], count: usize) -> Result<Vec<CoefficientPla
     Ok(out)
 }
 
+/// How rows are read: their codec, and what belongs to it.
+#[derive(Clone, Debug)]
+pub struct RowCode {
+    codec: Codec,
+    tables: Option<Arc<EntropyTables>>,
+}
+
+impl RowCode {
+    /// That of a codec that needs nothing beside the rows. Rows of [`Codec::Entropy`] are refused by it.
+    pub fn plain(codec: Codec) -> Self {
+        Self { codec, tables: None }
+    }
+
+    /// That of a section whose grid has `cells`, with `row_bytes` bytes of rows.
+    ///
+    /// Errors: tables that are not sound.
+    pub(super) fn new(
+        codec: Codec,
+        record: Option<&EntropyRecord>,
+        cells: usize,
+        row_bytes: u64,
+    ) -> Result<Self, ReadError> {
+        let tables = match (codec, record) {
+            (Codec::Entropy, Some(record)) => Some(Arc::new(EntropyTables::new(record, cells, row_bytes)?)),
+            (Codec::Entropy, None) => return Err(no_tables()),
+            (Codec::Paper | Codec::Bytes, _) => None,
+        };
+        Ok(Self { codec, tables })
+    }
+}
+
 /// A coefficient as it lies in a stream.
-enum Coefficient {
+pub(super) enum Coefficient {
     /// So many of the plane's steps.
     Steps(i8),
     /// The value itself.
@@ -68,9 +101,9 @@ enum Coefficient {
 /// the coefficient there is value × step; the value −128 says that an f32 follows and is the coefficient. A pair with
 /// value 0 only moves on.
 #[inline(always)]
-fn walk(
+pub(super) fn walk(
     plane: &CoefficientPlane<'_>,
-    codec: Codec,
+    code: &RowCode,
     cells: usize,
     mut each: impl FnMut(usize, Coefficient),
 ) -> Result<(), ReadError> {
@@ -85,7 +118,7 @@ fn walk(
     };
     let broken = || invalid(None, "coefficient stream", "whole coefficients", "one cut off".into());
     within(0)?;
-    match codec {
+    match code.codec {
         Codec::Paper => {
             let (pairs, rest) = plane.stream.as_chunks::<8>();
             for pair in pairs {
@@ -112,6 +145,16 @@ fn walk(
             }
             if stream.is_empty() { Ok(()) } else { Err(broken()) }
         }
+        Codec::Entropy => {
+            let tables = code.tables.as_deref().ok_or_else(no_tables)?;
+            tables.walk(plane.stream, cells, |index, coefficient| {
+                if let Coefficient::Exact(value) = coefficient {
+                    finite(value.to_le_bytes())?;
+                }
+                each(index, coefficient);
+                Ok(())
+            })
+        }
     }
 }
 
@@ -121,7 +164,7 @@ fn walk(
 #[inline]
 pub fn accumulate(
     plane: &CoefficientPlane<'_>,
-    codec: Codec,
+    code: &RowCode,
     weight: f32,
     sums: &mut [f32],
 ) -> Result<(), ReadError> {
@@ -129,7 +172,7 @@ pub fn accumulate(
         *sum += weight * plane.mean;
     }
     let scale = weight * plane.step;
-    walk(plane, codec, sums.len(), |index, coefficient| {
+    walk(plane, code, sums.len(), |index, coefficient| {
         sums[index] += match coefficient {
             Coefficient::Steps(steps) => scale * f32::from(steps),
             Coefficient::Exact(value) => weight * value,
@@ -142,11 +185,11 @@ pub fn accumulate(
 /// Errors: those of [`accumulate`].
 pub fn each_coefficient(
     plane: &CoefficientPlane<'_>,
-    codec: Codec,
+    code: &RowCode,
     cells: usize,
     mut each: impl FnMut(usize, f32),
 ) -> Result<(), ReadError> {
-    walk(plane, codec, cells, |index, coefficient| {
+    walk(plane, code, cells, |index, coefficient| {
         let value = match coefficient {
             Coefficient::Steps(steps) => plane.step * f32::from(steps),
             Coefficient::Exact(value) => value,
@@ -158,8 +201,8 @@ pub fn each_coefficient(
 }
 
 /// Whether a plane could be added to a grid of `cells`; the errors of [`accumulate`], without its work.
-pub fn check_stream(plane: &CoefficientPlane<'_>, codec: Codec, cells: usize) -> Result<(), ReadError> {
-    walk(plane, codec, cells, |_, _| ())
+pub fn check_stream(plane: &CoefficientPlane<'_>, code: &RowCode, cells: usize) -> Result<(), ReadError> {
+    walk(plane, code, cells, |_, _| ())
 }
 
 /// Puts a stream together; coefficients come in rising index, index 0 excluded.
@@ -209,8 +252,9 @@ mod tests {
     fn sums(stream: &[u8], codec: Codec, weight: f32) -> Result<Vec<f32>, ReadError> {
         let plane = CoefficientPlane { mean: 3.0, step: 0.5, stream };
         let mut sums = vec![0.0; CELLS];
-        accumulate(&plane, codec, weight, &mut sums)?;
-        check_stream(&plane, codec, CELLS)?;
+        let code = RowCode::plain(codec);
+        accumulate(&plane, &code, weight, &mut sums)?;
+        check_stream(&plane, &code, CELLS)?;
         Ok(sums)
     }
 

@@ -110,6 +110,9 @@ impl CosinePattern {
         pool.extend([across, along, amplitude]);
         let steps = [across, along, amplitude].map(|exponent| f64::from(1u32 << exponent));
         for term in &terms {
+            // What rounds to no turn across may be told by the other sign along: one of the two is stored.
+            let upright = nearest(term.across * steps[0], 0, UNSIGNED_MAX) == 0;
+            let term = if upright { Cosine { across: 0.0, ..*term }.normalised() } else { *term };
             let phase = nearest(term.phase * (PHASE_STEPS / TAU), 0, 4096) & 0xFFF;
             let fields = [
                 nearest(term.across * steps[0], 0, UNSIGNED_MAX),
