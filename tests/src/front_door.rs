@@ -148,8 +148,10 @@ fn light_as_data_has_the_direct_light_of_every_cell() {
         away > 8.5
     };
     let mut lit = 0;
+    // Scattered light of air farther than a cell from the cloud is left out of the rows.
+    let known = clouds.relighter().known_cells().to_vec();
     for cell in 0..cells {
-        let wanted = (scattered[cell] + direct[cell]).max(0.0);
+        let wanted = (if known[cell] { scattered[cell] } else { 0.0 } + direct[cell]).max(0.0);
         assert!((found[cell][0] - wanted).abs() <= ROUND_OFF * most, "{cell}: {} {wanted}", found[cell][0]);
         lit += usize::from(is_air(cell) && direct[cell] > 0.0);
     }
