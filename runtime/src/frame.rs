@@ -110,12 +110,12 @@ pub struct FrameQuality {
 impl FrameQuality {
     /// A still picture's.
     pub const STILL: Self =
-        Self { town: Quality::STILL, rays: DirectRays::STILL, sky: Spacing { pixels: 2, tolerance: 0.02 } };
-    /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
+        Self { town: Quality::STILL, rays: DirectRays::STILL, sky: Spacing { pixels: 8, tolerance: 0.02 } };
+    /// A preview's: one sample a pixel, mirrors at a quarter of the size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
     pub const PREVIEW: Self = Self {
         town: Quality::PREVIEW,
         rays: DirectRays::PREVIEW,
-        sky: Spacing { pixels: 4, tolerance: 0.1 },
+        sky: Spacing { pixels: 8, tolerance: 0.1 },
     };
 }
 
