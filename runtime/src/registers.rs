@@ -167,6 +167,13 @@ mod wide {
         simd.combine_f32x8(pair(simd, a, b), pair(simd, c, d))
     }
 
+    /// Places of four pixels, `step` apart, twice.
+    #[inline(always)]
+    fn steps<S: Simd>(simd: S, step: f32) -> f32x8<S> {
+        let places = f32x4::from_slice(simd, &PLACES) * step;
+        simd.combine_f32x4(places, places)
+    }
+
     impl<S: Simd> Registers for Wide<S> {
         #[inline(always)]
         fn two(
@@ -181,8 +188,7 @@ mod wide {
             let low = f32x8::from_slice(simd, low.as_flattened());
             let high = f32x8::from_slice(simd, high.as_flattened());
             let between = low + (high - low) * share;
-            let places = f32x4::from_slice(simd, &PLACES) * step;
-            let gains = simd.combine_f32x4(places, places) * pair(simd, factors[1][0], factors[1][1]);
+            let gains = steps(simd, step) * pair(simd, factors[1][0], factors[1][1]);
             let factor = pair(simd, factors[0][0], factors[0][1]) + gains;
             let (a, b) = simd.split_f32x8(between * factor);
             (a + b).into()
@@ -201,8 +207,7 @@ mod wide {
             let low = f32x16::from_slice(simd, low.as_flattened());
             let high = f32x16::from_slice(simd, high.as_flattened());
             let between = low + (high - low) * share;
-            let places = f32x4::from_slice(simd, &PLACES) * step;
-            let places = simd.combine_f32x4(places, places);
+            let places = steps(simd, step);
             let factor = all(simd, factors[0]) + simd.combine_f32x8(places, places) * all(simd, factors[1]);
             // Products 0 and 1 lie in one half, 2 and 3 in the other.
             let (front, back) = simd.split_f32x16(between * factor);

@@ -21,7 +21,7 @@ impl Quality {
     /// A still picture's.
     pub const STILL: Self = Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05 };
     /// A preview's: mirrors at a quarter of the size.
-    pub const PREVIEW: Self = Self { samples: 1, facets: 4, spacing: 4, tolerance: 0.5 };
+    pub const PREVIEW: Self = Self { samples: 1, facets: 10, spacing: 4, tolerance: 0.5 };
 
     /// Samples along each side of a pixel, 1 to 64.
     pub(super) fn per_side(self) -> u32 {

@@ -242,7 +242,8 @@ impl<'a, const N: usize> Strip<'a, N> {
         let around = self.around(x, y);
         let tolerance = if edge { f32::INFINITY } else { task.quality.tolerance };
         let on_surface = |node: &&Node<N>| same_surface(&seen.hit, &node.hit);
-        let all = if edge { 1e-6 } else { 0.999 };
+        // Where much may differ, a part of the nodes may stand for all.
+        let all = if edge { 1e-6 } else { (1.0 - tolerance).clamp(0.2, 0.999) };
         // Weights of an edge's nodes count for how near they are, the node's own pixel most.
         let mix = |of: &dyn Fn(&Node<N>) -> Option<Parts<N>>, tolerance: f32, least: f32| {
             let (mut sum, mut weight) = (Parts::NONE, 0.0);
