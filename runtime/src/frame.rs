@@ -116,14 +116,14 @@ impl FrameQuality {
         town: Quality::STILL,
         rays: DirectRays::STILL,
         light: LightQuality::PLAIN,
-        sky: Spacing { pixels: 2, tolerance: 0.02 },
+        sky: Spacing { pixels: 8, tolerance: 0.02 },
     };
-    /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
+    /// A preview's: one sample a pixel, mirrors at a quarter of the size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
     pub const PREVIEW: Self = Self {
         town: Quality::PREVIEW,
         rays: DirectRays::PREVIEW,
         light: LightQuality::PLAIN,
-        sky: Spacing { pixels: 4, tolerance: 0.1 },
+        sky: Spacing { pixels: 8, tolerance: 0.1 },
     };
 }
 

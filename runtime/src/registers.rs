@@ -167,6 +167,13 @@ mod wide {
         simd.combine_f32x8(pair(simd, a, b), pair(simd, c, d))
     }
 
+    /// Places of four pixels, `step` apart, twice.
+    #[inline(always)]
+    fn steps<S: Simd>(simd: S, step: f32) -> f32x8<S> {
+        let places = f32x4::from_slice(simd, &PLACES) * step;
+        simd.combine_f32x4(places, places)
+    }
+
     impl<S: Simd> Registers for Wide<S> {
         #[inline(always)]
         fn one(
@@ -180,8 +187,7 @@ mod wide {
             let simd = self.0;
             let low = f32x4::from_slice(simd, low);
             let between = low + (f32x4::from_slice(simd, high) - low) * share;
-            let places = f32x4::from_slice(simd, &PLACES) * step;
-            let gains = simd.combine_f32x4(places, places) * pair(simd, factors[1][0], factors[1][3]);
+            let gains = steps(simd, step) * pair(simd, factors[1][0], factors[1][3]);
             let factor = pair(simd, factors[0][0], factors[0][3]) + gains;
             let (light, cover) = simd.split_f32x8(simd.combine_f32x4(between, between) * factor);
             [light.into(), cover.into()]
@@ -200,8 +206,7 @@ mod wide {
             let low = f32x16::from_slice(simd, low.as_flattened());
             let high = f32x16::from_slice(simd, high.as_flattened());
             let between = low + (high - low) * share;
-            let places = f32x4::from_slice(simd, &PLACES) * step;
-            let places = simd.combine_f32x4(places, places);
+            let places = steps(simd, step);
             let factor = all(simd, factors[0]) + simd.combine_f32x8(places, places) * all(simd, factors[1]);
             let (front, back) = simd.split_f32x16(between * factor);
             let ((a, b), (c, cover)) = (simd.split_f32x8(front), simd.split_f32x8(back));

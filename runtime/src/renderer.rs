@@ -145,6 +145,17 @@ impl Memory {
     }
 }
 
+impl Memory {
+    /// Has a picture of the size that `camera` takes.
+    fn fit(&mut self, camera: &Camera) -> Result<(), RuntimeError> {
+        let size = [camera.width as usize, camera.height as usize];
+        if [self.picture.width, self.picture.height] != size {
+            self.picture = Picture::new(size[0], size[1])?;
+        }
+        Ok(())
+    }
+}
+
 /// What a picture took.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]

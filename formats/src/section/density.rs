@@ -189,7 +189,7 @@ impl DensitySection {
 
     /// Where `rate` falls on the axis. Between nodes ln M + Λa is the cubic in ln R through the four nearest;
     /// below the first node the straight line through the first two, so that M falls like e^{−Λa} to 0 with R.
-    /// `None` for R ≤ 0, above the last node, and for NaN.
+    /// `None` for R ≤ 0, above the last node, and for NaN, and on an axis of fewer than four nodes, which no file has.
     pub fn place(&self, rate: MillimetresPerHour) -> Option<AxisPlace> {
         let last = *self.rates.last()?;
         if !(rate.0 > 0.0 && rate <= last) {
@@ -198,7 +198,7 @@ impl DensitySection {
         let x = libm::log(rate.0);
         let upper = self.rates.partition_point(|&node| node < rate);
         let stencil = if upper == 0 && rate < self.rates[0] { 2 } else { STENCIL };
-        let first = upper.saturating_sub(STENCIL / 2).min(self.rates.len() - STENCIL);
+        let first = upper.saturating_sub(STENCIL / 2).min(self.rates.len().checked_sub(STENCIL)?);
         let mut nodes = [0.0; STENCIL];
         for (node, &rate) in nodes.iter_mut().zip(&self.rates[first..]) {
             *node = libm::log(rate.0);

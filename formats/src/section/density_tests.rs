@@ -107,6 +107,13 @@ fn each_damaged_field_is_named() {
     }
 }
 
+#[test]
+fn an_axis_of_fewer_nodes_than_a_cubic_takes_has_no_places() {
+    let mut section = sample();
+    section.rates.truncate(3);
+    assert!(section.place(MillimetresPerHour(5.0)).is_none());
+}
+
 proptest! {
     /// Whatever reads must also answer: no byte may lead to a panic, then or later.
     #[test]

@@ -92,7 +92,7 @@ impl<'a> ResponseSection<'a> {
         let start = (bytes.len() - rest.len()) as u64;
         // In 64 bits: on a 32-bit machine a hostile count could wrap around.
         let index_bytes = count as u64 * size_of::<RowEntry>() as u64;
-        let bounds_bytes = (count * coefficients) as u64 * size_of::<CoefficientBound>() as u64;
+        let bounds_bytes = count as u64 * coefficients as u64 * size_of::<CoefficientBound>() as u64;
         let rows_start = (index_bytes + bounds_bytes).next_multiple_of(64);
         if (rest.len() as u64) < rows_start {
             let missing = rows_start - rest.len() as u64;
@@ -167,7 +167,7 @@ impl<'a> ResponseSection<'a> {
 /// Errors: blocks that are not all of the same whole number of cells.
 pub fn blocks_of(response: GridShape, cloud: GridShape) -> Result<[u32; 3], ReadError> {
     let (light, cells) = (response.to_array(), cloud.to_array());
-    if (0..3).all(|axis| cells[axis] >= light[axis] && cells[axis].is_multiple_of(light[axis])) {
+    if (0..3).all(|axis| light[axis] > 0 && cells[axis] > 0 && cells[axis].is_multiple_of(light[axis])) {
         return Ok([0, 1, 2].map(|axis: usize| (cells[axis] / light[axis]) as u32));
     }
     let [nx, ny, nz] = response.to_array();
@@ -263,4 +263,24 @@ pub fn write_beside(head: &ResponseHead, mut rows: ResponseRows, cloud: GridShap
     let mut parts = vec![front];
     parts.extend(rows.rows);
     OutSection { tag: ResponseSection::TAG, version, required: true, head_length, parts }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grids_without_cells_and_rows_of_endless_planes_are_refused() {
+        let [none, some] = [GridShape::new(0, 1, 1), GridShape::new(4, 1, 1)];
+        for (light, cloud) in [(none, none), (none, some), (some, none)] {
+            assert!(blocks_of(light, cloud).is_err(), "{light:?} {cloud:?}");
+        }
+        assert_eq!(blocks_of(GridShape::new(2, 1, 1), some).unwrap(), [2, 1, 1]);
+        for count in [1, usize::MAX / 2, usize::MAX] {
+            assert!(
+                matches!(coefficient_planes(&[0; 5], count), Err(ReadError::Truncated { .. })),
+                "{count}"
+            );
+        }
+    }
 }

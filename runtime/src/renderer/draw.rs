@@ -79,10 +79,7 @@ impl Scene {
         let mut watch = Watch::new(memory.clock);
         let camera = &frame.camera;
         let flashes = self.lit_strokes(frame, sky)?;
-        let size = [camera.width as usize, camera.height as usize];
-        if [memory.picture.width, memory.picture.height] != size {
-            memory.picture = Picture::new(size[0], size[1])?;
-        }
+        memory.fit(camera)?;
         let mut report = FrameReport::default();
         if let Some(clouds) = &mut memory.clouds {
             let cells = (&mut memory.cells, &mut memory.flash_cells);
@@ -100,11 +97,7 @@ impl Scene {
             light
         };
         let seen_for = (&frame.sky, &frame.detail, eye, memory.cells.as_slice());
-        let look = || {
-            let around = world::look_around(eye, &beyond);
-            let light = world::light_of(&around, world::sun_of(sky, cloud.as_ref(), eye));
-            (around, light)
-        };
+        let look = || world::seen((sky, cloud.as_ref()), eye, &beyond);
         // Only rain and a town's mirrors ask what is all around.
         let is_wet = frame.weather.rate.0 > 0.0;
         let mut surrounding = (is_wet || self.town.is_some())
@@ -119,14 +112,8 @@ impl Scene {
         let field = self.rain_place.field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
-        let mut wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
-        if self.town.is_some() && self.rain_place.map_of(frame).is_some() {
-            let pieces = |flash: &LitStroke| {
-                let points = flash.lights.points.iter().map(|point| point.position);
-                points.chain(flash.lights.images.centres()).collect::<Vec<_>>()
-            };
-            wet = wet.tabulated(eye, flashes.iter().flat_map(pieces));
-        }
+        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        let wet = self.tabulated(wet, frame, &flashes);
         watch.lap(&mut report.times.surroundings);
         if let Some(surrounding) = &surrounding {
             self.render_town(
@@ -161,6 +148,18 @@ impl Scene {
         self.draw_rain(frame, (sky, around, in_rain, &drops), &flashes, memory, &mut report)?;
         memory.surrounding = surrounding;
         Ok(report)
+    }
+
+    /// The town's rain, its depths from tables where it has a map.
+    fn tabulated<'a>(&self, wet: TownRain<'a>, frame: &Frame, flashes: &[LitStroke]) -> TownRain<'a> {
+        if self.town.is_none() || self.rain_place.map_of(frame).is_none() {
+            return wet;
+        }
+        let pieces = |flash: &LitStroke| {
+            let points = flash.lights.points.iter().map(|point| point.position);
+            points.chain(flash.lights.images.centres()).collect::<Vec<_>>()
+        };
+        wet.tabulated(frame.camera.position, flashes.iter().flat_map(pieces))
     }
 
     /// The town, lit by sky, cloud and channels.

@@ -40,6 +40,17 @@ pub fn light_of(around: &Environment, sun: Option<Sun>) -> WorldLight {
     WorldLight::from_radiance(&|direction: Vec3| around.lookup(direction), sun)
 }
 
+/// The world around `eye`, and what the rain is lit by.
+pub fn seen(
+    (sky, cloud): (&Sky, Option<&CloudPicture<'_>>),
+    eye: DVec3,
+    beyond: &Beyond<'_>,
+) -> (Environment, WorldLight) {
+    let around = look_around(eye, beyond);
+    let light = light_of(&around, sun_of(sky, cloud, eye));
+    (around, light)
+}
+
 /// What a world was looked at for: sky, billows, eye and the cloud's lit cells.
 type SeenFor<'a> = (&'a SkyParameters, &'a DetailParameters, DVec3, &'a [Vec4]);
 

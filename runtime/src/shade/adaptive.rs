@@ -1,17 +1,25 @@
-//! Pictures of light that is smooth in most places: worked out at nodes some pixels apart, interpolated where the four nodes around a
-//! pixel show nearly the same, and worked out in every other pixel.
+//! Pictures of light that is smooth in most places: worked out at nodes some pixels apart, interpolated where the nodes around pixels tell
+//! what is between them, and at nodes half as far apart where they don't, down to every pixel.
 
 use crate::parallel::prelude::*;
 
 /// Rows that one task fills.
 const ROWS: usize = 32;
+/// How many times the tolerance the corners of a wide tile may differ by, where its middle lies between them.
+const SLOPE: f32 = 4.0;
+/// Share of the tolerance by which the middle may lie beside the corners' mean.
+const BEND: f32 = 0.25;
+/// Tiles from this many pixels on have the middles of their sides looked at too.
+const WIDE: usize = 8;
 
 /// How far nodes are apart, and when pixels between them are interpolated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spacing {
-    /// Pixels from one node to the next, 1 to 32; with 1 every pixel is worked out.
+    /// Pixels between nodes where light is smoothest, 1 to 32, rounded down to a power of two; with 1 every pixel is worked out.
     pub pixels: u32,
-    /// How much light may differ between the nodes around a pixel that is interpolated, as a share of the brightest, in any colour.
+    /// How much light may differ between nodes two pixels apart that the pixel between them is interpolated from, as a share of the
+    /// brightest, in any colour. Nodes farther apart may differ by four times that where what is worked out in their middle lies
+    /// between them, within a fourth of it.
     pub tolerance: f32,
 }
 
@@ -30,39 +38,97 @@ pub fn fill(
     (light, is_asked): (&LightOf<'_>, &AskedOf<'_>),
     pixels: &mut [[f32; 3]],
 ) {
-    let step = spacing.pixels.clamp(1, ROWS as u32) as usize;
+    let step = 1usize << spacing.pixels.clamp(1, ROWS as u32).ilog2();
     let strip = |(number, rows): (usize, &mut [[f32; 3]])| {
         let from = number * ROWS;
-        let across = width.div_ceil(step) + 1;
-        let down = (rows.len() / width).div_ceil(step) + 1;
-        let node = |at: usize| {
-            let (x, y) = (at % across * step, from + at / across * step);
-            let near = |at: usize, end: usize| (at + 1).saturating_sub(step)..(at + step).min(end);
-            let asked = near(y, height).any(|y| near(x, width).any(|x| is_asked(x, y)));
-            asked.then(|| light(x, y))
-        };
-        let nodes: Vec<Option<[f32; 3]>> = (0..across * down).map(node).collect();
-        for (at, pixel) in rows.iter_mut().enumerate() {
-            let (x, y) = (at % width, at / width);
-            if !is_asked(x, from + y) {
-                continue;
-            }
-            let corner = |dx: usize, dy: usize| nodes[(y / step + dy) * across + x / step + dx];
-            let (u, v) = ((x % step) as f32 / step as f32, (y % step) as f32 / step as f32);
-            *pixel = match (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)) {
-                (Some(a), ..) if u == 0.0 && v == 0.0 => a,
-                (Some(a), Some(b), Some(c), Some(d)) if alike(&[a, b, c, d], spacing.tolerance) => {
-                    std::array::from_fn(|band| {
-                        let top = a[band] + u * (b[band] - a[band]);
-                        let bottom = c[band] + u * (d[band] - c[band]);
-                        top + v * (bottom - top)
-                    })
-                }
-                _ => light(x, from + y),
-            };
+        let across = width.next_multiple_of(step) + 1;
+        let down = (rows.len() / width).next_multiple_of(step) + 1;
+        let light = |x: usize, y: usize| light(x, from + y);
+        let is_asked = |x: usize, y: usize| is_asked(x, from + y);
+        let nodes = Nodes { light: &light, across, known: vec![None; across * down] };
+        let mut strip = Strip { width, tolerance: spacing.tolerance, is_asked: &is_asked, nodes, rows };
+        for y in (0..down - 1).step_by(step) {
+            (0..across - 1).step_by(step).for_each(|x| strip.tile([x, y], step));
         }
     };
     pixels[..width * height].par_chunks_mut(width * ROWS).enumerate().for_each(strip);
+}
+
+/// Light of pixels, each worked out once.
+struct Nodes<'a> {
+    light: &'a dyn Fn(usize, usize) -> [f32; 3],
+    across: usize,
+    known: Vec<Option<[f32; 3]>>,
+}
+
+impl Nodes<'_> {
+    fn at(&mut self, x: usize, y: usize) -> [f32; 3] {
+        *self.known[y * self.across + x].get_or_insert_with(|| (self.light)(x, y))
+    }
+}
+
+/// Some rows of a picture.
+struct Strip<'a> {
+    width: usize,
+    tolerance: f32,
+    is_asked: &'a dyn Fn(usize, usize) -> bool,
+    nodes: Nodes<'a>,
+    rows: &'a mut [[f32; 3]],
+}
+
+impl Strip<'_> {
+    /// Fills `size` × `size` pixels from (x, y) on.
+    fn tile(&mut self, [x, y]: [usize; 2], size: usize) {
+        let (right, bottom) = ((x + size).min(self.width), (y + size).min(self.rows.len() / self.width));
+        if !(y..bottom).any(|y| (x..right).any(|x| (self.is_asked)(x, y))) {
+            return;
+        }
+        if size == 1 {
+            self.rows[y * self.width + x] = self.nodes.at(x, y);
+            return;
+        }
+        let corners = [(x, y), (x + size, y), (x, y + size), (x + size, y + size)];
+        let corners = corners.map(|(x, y)| self.nodes.at(x, y));
+        if !self.tells(corners, [x, y], size) {
+            let half = size / 2;
+            for [dx, dy] in [[0, 0], [half, 0], [0, half], [half, half]] {
+                self.tile([x + dx, y + dy], half);
+            }
+            return;
+        }
+        for py in y..bottom {
+            for px in (x..right).filter(|&px| (self.is_asked)(px, py)) {
+                let [u, v] = [px - x, py - y].map(|off| off as f32 / size as f32);
+                self.rows[py * self.width + px] = between(&corners, u, v);
+            }
+        }
+    }
+
+    /// Whether the corners of a tile tell what is between them.
+    fn tells(&mut self, corners: [[f32; 3]; 4], [x, y]: [usize; 2], size: usize) -> bool {
+        if size == 2 {
+            return alike(&corners, self.tolerance);
+        }
+        let half = size / 2;
+        let sides = [[half, half], [half, 0], [0, half], [size, half], [half, size]];
+        let checks = if size < WIDE { &sides[..1] } else { &sides[..] };
+        let bend = BEND * self.tolerance;
+        alike(&corners, SLOPE * self.tolerance)
+            && checks.iter().all(|&[dx, dy]| {
+                let found = between(&corners, dx as f32 / size as f32, dy as f32 / size as f32);
+                let wanted = self.nodes.at(x + dx, y + dy);
+                (0..3).all(|band| (found[band] - wanted[band]).abs() <= bend * wanted[band].abs())
+            })
+    }
+}
+
+/// Light at a share of a tile's width and height.
+fn between([a, b, c, d]: &[[f32; 3]; 4], u: f32, v: f32) -> [f32; 3] {
+    std::array::from_fn(|band| {
+        let top = a[band] + u * (b[band] - a[band]);
+        let bottom = c[band] + u * (d[band] - c[band]);
+        top + v * (bottom - top)
+    })
 }
 
 /// Whether lights differ by `tolerance` of the brightest at most, in every colour.
@@ -102,7 +168,7 @@ mod tests {
             (pixels, rays.load(Ordering::Relaxed))
         };
         let (exact, all) = filled(Spacing { pixels: 1, tolerance: 0.0 });
-        for (pixels, tolerance) in [(2, 0.02), (4, 0.1)] {
+        for (pixels, tolerance) in [(2, 0.02), (4, 0.1), (8, 0.02), (11, 0.02)] {
             let (found, asked) = filled(Spacing { pixels, tolerance });
             assert!(asked < all * 2 / 3, "{asked} of {all}");
             for (at, (found, exact)) in found.iter().zip(&exact).enumerate() {

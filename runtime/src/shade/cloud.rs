@@ -9,6 +9,7 @@ pub mod density;
 pub mod direct;
 pub mod lookup;
 pub mod march;
+mod picture;
 
 pub use density::{Billows, Cells, CloudShape};
 pub use lookup::{between, corners};
@@ -31,13 +32,14 @@ pub fn direction_to(camera: &Camera, point: DVec3) -> DVec3 {
 
 /// A cloud and its light in three colours towards one viewpoint, for pictures.
 pub struct CloudPicture<'a> {
-    march: CloudMarch<'a, Billows<'a>>,
-    /// Per cell: J towards the viewpoint in three colours, W/(m² sr); the fourth number is not read.
+    cloud: &'a Cloud,
+    billows: Billows<'a>,
+    /// Per cell: J towards the viewpoint in three colours, W/(m² sr), and extinction, 1/m.
     cells: &'a [Vec4],
 }
 
 impl<'a> CloudPicture<'a> {
-    /// `cells` holds J in three colours and a number that is not read; `billow` is the diameter of billows, m, if there are any.
+    /// `cells` holds J in three colours and the cell's extinction, 1/m; `billow` is the diameter of billows, m, if there are any.
     ///
     /// Panics when `cells` is not one grid long.
     pub fn new(
@@ -48,14 +50,11 @@ impl<'a> CloudPicture<'a> {
         billow: Option<f32>,
     ) -> Self {
         assert_eq!(cells.len(), cloud.shape.len());
-        let density = Billows { shape, detail, billow };
-        Self { march: CloudMarch::new(cloud, density, MarchQuality::PICTURE), cells }
+        Self { cloud, billows: Billows { shape, detail, billow }, cells }
     }
 
     /// Follows `ray` until it leaves the grid or sees no further.
     pub fn march(&self, ray: &crate::camera::Ray) -> CloudView {
-        let cubes = lookup::CellCubes::new(self.march.cloud);
-        self.march
-            .march(&WideRay::thin(*ray), |point| cubes.mix_colours(&cubes.at(point.as_vec3()), self.cells))
+        self.billows.picture(self.cloud, self.cells, ray)
     }
 }

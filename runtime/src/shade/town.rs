@@ -65,6 +65,12 @@ pub struct Surface {
     pub slope: f32,
 }
 
+impl Surface {
+    fn ground(soil: ground::Soil) -> Self {
+        Self { albedo: soil.albedo, emission: [0.0; 3], glass: 0.0, wet: soil.wet, slope: soil.slope }
+    }
+}
+
 /// A town ready for rays.
 pub struct Town {
     blocks: Vec<Block>,
@@ -148,19 +154,19 @@ impl Town {
         hit.point + hit.normal * (LIFT * (1.0 + hit.point.abs().max_element()))
     }
 
+    /// The same of ground that is made of one thing for `extent` m around; none elsewhere.
+    fn even_surface(&self, hit: &Hit, footprint: f32, extent: f32) -> Option<Surface> {
+        let soil = match hit.thing {
+            Thing::Ground => self.material.sample_even(hit.point.truncate(), footprint, extent)?,
+            _ => return None,
+        };
+        Some(Surface::ground(soil))
+    }
+
     /// What the spot is made of, averaged over `footprint` m.
     pub fn surface(&self, hit: &Hit, footprint: f32) -> Surface {
         match hit.thing {
-            Thing::Ground => {
-                let soil = self.material.sample(hit.point.truncate(), footprint);
-                Surface {
-                    albedo: soil.albedo,
-                    emission: [0.0; 3],
-                    glass: 0.0,
-                    wet: soil.wet,
-                    slope: soil.slope,
-                }
-            }
+            Thing::Ground => Surface::ground(self.material.sample(hit.point.truncate(), footprint)),
             Thing::Hill => {
                 let soil = self.material.sample(hit.point.truncate(), footprint);
                 Surface { albedo: soil.albedo, emission: [0.0; 3], glass: 0.0, wet: 0.0, slope: 1.0 }

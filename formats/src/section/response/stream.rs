@@ -30,9 +30,9 @@ pub fn coefficient_planes(row: &[u8], count: usize) -> Result<Vec<CoefficientPla
         offset: row.len() as u64,
         missing: missing as u64,
     };
-    let fixed =
-        row.get(..count * COEFFICIENT_BYTES).ok_or_else(|| short(count * COEFFICIENT_BYTES - row.len()))?;
-    let mut rest = &row[count * COEFFICIENT_BYTES..];
+    // A count of the caller's may be any.
+    let bytes = count.saturating_mul(COEFFICIENT_BYTES);
+    let (fixed, mut rest) = row.split_at_checked(bytes).ok_or_else(|| short(bytes - row.len()))?;
     let mut out = Vec::with_capacity(count);
     for part in fixed.chunks_exact(COEFFICIENT_BYTES) {
         let word = |at: usize| [part[at], part[at + 1], part[at + 2], part[at + 3]];

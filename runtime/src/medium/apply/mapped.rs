@@ -128,6 +128,7 @@ impl<V: RainPath> BandMedium<'_, V> {
 #[cfg(test)]
 mod tests {
     use super::super::super::{Medium, Outlook, Shell};
+    use super::super::BandMedium;
     use crate::camera::{Camera, Projection};
     use crate::depth::{DepthBuffer, DepthKind};
     use crate::picture::Picture;
@@ -148,7 +149,7 @@ mod tests {
         let rates: Vec<f32> = (0..3600).map(shower).collect();
         let top = Ceiling { height: Metres(1_500.0), softness: Metres(300.0) };
         let map = RainMap::new(DVec2::splat(-4_500.0), Metres(150.0), [60, 60], &rates, Some(top)).unwrap();
-        let projection = Projection::Perspective { vertical_fov: Radians(0.8) };
+        let projection = Projection::Perspective { vertical_fov: Radians(0.5) };
         let (width, height) = (200, 110);
         let eye = DVec3::new(0.0, 0.0, 2.0);
         let camera = Camera::new(eye, DVec3::X, DVec3::Z, projection, [width as u32, height as u32]).unwrap();
@@ -178,6 +179,7 @@ mod tests {
         let depth = DepthBuffer::new(&metres, width, height, DepthKind::Range).unwrap();
         let volume = RainFan::new(field, &camera);
         let outlook = Outlook { camera: &camera, volume, light: &light, depth: Some(depth) };
+        assert!(BandMedium::new(&medium, &outlook).is_mapped);
         let mut left = vec![0.0; metres.len()];
         medium.apply(&outlook, &mut Picture::new(width, height).unwrap(), &mut left).unwrap();
         let (mut worst, mut sum, mut darkest) = (0.0f64, 0.0, 1.0f32);

@@ -126,14 +126,7 @@ impl Density for Billows<'_> {
         let (from, way) = (ray.origin.as_vec3(), ray.direction.as_vec3());
         let cubes = CellCubes::new(cloud);
         let shortest = cloud.cell_m.into_iter().fold(f64::INFINITY, f64::min) as f32;
-        // A direction without a component divides to ±∞, and to NaN on a face: min and max then skip it.
-        let a = (cloud.origin_m.as_vec3() - from) / way;
-        let b = (cloud.far_corner().as_vec3() - from) / way;
-        let near = a.min(b).max_element().max(0.0);
-        let far = a.max(b).min_element();
-        if near.is_nan() || far.is_nan() || near >= far {
-            return;
-        }
+        let Some((near, far)) = cubes.span(cloud, from, way) else { return };
         let fine = self.billow.map_or(f32::INFINITY, |size| size / STEPS_PER_BILLOW);
         // A step that is lost in the distance's last digits would not end.
         let fine = fine.min(shortest / STEPS_PER_CELL).max(4.0 * f32::EPSILON * far);
@@ -150,7 +143,7 @@ impl Density for Billows<'_> {
             let extinction = self.detail.modulate(point, coarse, ceiling);
             let mut step = fine;
             if extinction == coarse && coarse > 0.0 {
-                step = step.max((INSIDE_DEPTH / coarse).min(shortest));
+                step = step_inside(coarse, fine, shortest);
             }
             step = step.min(far - at);
             if extinction > 0.0 {
@@ -162,6 +155,11 @@ impl Density for Billows<'_> {
             at += step;
         }
     }
+}
+
+/// Length of a step in the cloud's inside: of some optical depth, within a cell.
+pub(super) fn step_inside(extinction: f32, fine: f32, shortest: f32) -> f32 {
+    fine.max((INSIDE_DEPTH / extinction).min(shortest))
 }
 
 impl Billows<'_> {

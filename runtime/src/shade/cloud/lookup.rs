@@ -109,6 +109,18 @@ impl CellCubes {
         (0..8).fold(Vec4::ZERO, |sum, i| sum + cells[at[i]] * weights[i]).truncate().to_array()
     }
 
+    /// Where a ray enters and leaves the grid, m from its origin; none that misses it.
+    #[inline]
+    pub(super) fn span(&self, cloud: &Cloud, from: Vec3, way: Vec3) -> Option<(f32, f32)> {
+        // A direction without a component divides to ±∞, and to NaN on a face: min and max then skip it.
+        let a = (self.origin - from) / way;
+        let b = (cloud.far_corner().as_vec3() - from) / way;
+        let near = a.min(b).max_element().max(0.0);
+        let far = a.max(b).min_element();
+        // Written so that NaN misses it.
+        (near < far).then_some((near, far))
+    }
+
     /// Metres from a place along `direction` to where it leaves its cube of centres and all around it that are fewer than `cubes`
     /// steps away.
     #[inline]

@@ -1,5 +1,6 @@
 //! A whole picture of the town: light, cover and depth for every pixel.
 
+mod coarse;
 mod node;
 mod quality;
 mod strip;

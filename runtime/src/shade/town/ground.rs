@@ -25,6 +25,10 @@ const SHORE: f32 = 0.05;
 /// Open land: share of the roads' water that stands on it, and how much wider its sheets are.
 const LAND_SHARE: f32 = 0.9;
 const LAND_WIDTH: f32 = 20.0;
+/// Texture that is looked at is this wide and more, m.
+const FINEST: f32 = 0.3;
+/// How much the level of the ground changes over its noise's unit where it changes most.
+const STEEPEST: f32 = 4.0;
 /// Half the width of the painted line and the length of its dashes and gaps, m.
 const LINE: f32 = 0.075;
 const DASH: f32 = 4.0;
@@ -72,15 +76,43 @@ impl Material {
         })
     }
 
+    /// The ground at a spot, averaged over `footprint` m, where `extent` m around it show nothing else: no shore, no border or line of a
+    /// road, no texture finer than they are wide.
+    pub fn sample_even(&self, spot: Vec2, footprint: f32, extent: f32) -> Option<Soil> {
+        if extent > FINEST || self.ground.roads.iter().any(|road| Self::borders(road, spot, extent)) {
+            return None;
+        }
+        let land = self.road_at(spot).is_none();
+        let scale = self.ground.puddle_size * if land { LAND_WIDTH } else { 1.0 };
+        let level = self.level(spot, land);
+        let margin = 0.5 * (SHORE + 0.5 * footprint / scale) + STEEPEST * extent / scale;
+        ((level - self.shores[usize::from(land)]).abs() > margin).then(|| self.soil(spot, footprint, level))
+    }
+
+    /// Whether a road's border or its line runs within `extent` m of a spot.
+    fn borders(road: &Road, spot: Vec2, extent: f32) -> bool {
+        let (from, to) = (Vec2::from_array(road.from), Vec2::from_array(road.to));
+        let (along, place) = ((to - from).normalize_or_zero(), spot - from);
+        let (x, y, length) = (place.dot(along), place.perp_dot(along).abs(), (to - from).length());
+        let is_beside = x > -extent && x < length + extent && y < road.half_width + extent;
+        let is_within = x > extent && x < length - extent && y < road.half_width - extent;
+        is_beside && !(is_within && y > LINE + extent)
+    }
+
     /// The ground at a spot, averaged over `footprint` m.
     pub fn sample(&self, spot: Vec2, footprint: f32) -> Soil {
+        self.soil(spot, footprint, self.level(spot, self.road_at(spot).is_none()))
+    }
+
+    /// The same of a spot that lies so low.
+    fn soil(&self, spot: Vec2, footprint: f32, level: f32) -> Soil {
         let road = self.road_at(spot);
         let land = road.is_none();
         let shore = self.shores[usize::from(land)];
         // Noise finer than the footprint is left out by widening the shore.
         let scale = self.ground.puddle_size * if land { LAND_WIDTH } else { 1.0 };
         let width = SHORE + 0.5 * footprint / scale;
-        let puddle = smoothstep(shore - 0.5 * width, shore + 0.5 * width, self.level(spot, land));
+        let puddle = smoothstep(shore - 0.5 * width, shore + 0.5 * width, level);
         let (mut albedo, mut film) = (self.ground.albedo, 0.12);
         if let Some((road, along, across)) = road {
             (albedo, film) = (road.albedo, 0.85);
@@ -125,6 +157,31 @@ mod tests {
             let wet = spots.map(|spot| material.sample(spot, 0.02).wet).sum::<f32>() / 40_000.0;
             assert!((wet - share).abs() < SAMPLING, "{share}: {wet}");
         }
+    }
+
+    #[test]
+    fn ground_that_is_even_is_the_mean_of_what_is_around() {
+        /// Shares and albedo: texture changes a little over the widest extent.
+        const EVEN: f32 = 0.05;
+        let material = material(0.5);
+        let mut even = 0;
+        for i in 0..4000 {
+            let spot = Vec2::new((i % 40) as f32 * 0.37 - 7.0, (i / 40) as f32 * 3.1 - 150.0);
+            let extent = 0.04 + 0.05 * (i % 5) as f32;
+            let Some(found) = material.sample_even(spot, 0.3 * extent, extent) else { continue };
+            even += 1;
+            let around = (0..16).map(|k| {
+                let off = Vec2::new((k % 4) as f32 - 1.5, (k / 4) as f32 - 1.5) * (extent / 4.0);
+                material.sample(spot + off, 0.3 * extent)
+            });
+            let sum =
+                around.fold((0.0, 0.0), |sum, soil| (sum.0 + soil.wet / 16.0, sum.1 + soil.albedo[0] / 16.0));
+            assert!(
+                (found.wet - sum.0).abs() < EVEN && (found.albedo[0] - sum.1).abs() < EVEN,
+                "{spot} {found:?} {sum:?}"
+            );
+        }
+        assert!((1000..3900).contains(&even), "{even}");
     }
 
     #[test]

@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn the_image_of_a_line_is_that_of_ten_thousand_points_on_it() {
-        /// Steps of a third of a normal curve's width; its ends fall between steps.
+        /// Steps of two fifths of a normal curve's width; its ends fall between steps.
         const STEPS: f32 = 0.03;
         for slope in [0.004, 0.02, 0.1] {
             let mut brightest = 0.0f32;

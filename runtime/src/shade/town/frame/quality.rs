@@ -20,8 +20,8 @@ pub struct Quality {
 impl Quality {
     /// A still picture's.
     pub const STILL: Self = Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05 };
-    /// A preview's: mirrors at half size.
-    pub const PREVIEW: Self = Self { samples: 1, facets: 3, spacing: 2, tolerance: 0.5 };
+    /// A preview's: mirrors at a quarter of the size.
+    pub const PREVIEW: Self = Self { samples: 1, facets: 10, spacing: 4, tolerance: 0.5 };
 
     /// Samples along each side of a pixel, 1 to 64.
     pub(super) fn per_side(self) -> u32 {

@@ -3,6 +3,7 @@
 use super::super::grain::grain;
 use super::super::light::{Lighting, Mirror, Parts, Shading};
 use super::super::{Hit, Surface, Thing, Town};
+use super::coarse::{Coarse, Look, Slow};
 use super::node::{Node, same_surface, similar};
 use super::quality::Quality;
 use super::{SKY, TownPixel};
@@ -103,9 +104,16 @@ impl<'a> Task<'a> {
     }
 
     /// The surface of a whole pixel whose middle is `seen` and that lies on one plane.
-    fn whole_surface(&self, seen: &Seen, x: usize, y: usize) -> Surface {
+    pub(super) fn whole_surface(&self, seen: &Seen, x: usize, y: usize) -> Surface {
         if self.quality.per_side() == 1 {
             return self.surface(seen);
+        }
+        // A pixel is as long on the ground as it is seen slanted.
+        let footprint = self.footprint(seen);
+        let extent = footprint / (-seen.direction.dot(seen.hit.normal)).max(1e-4).sqrt();
+        let of_one = footprint / self.quality.per_side() as f32;
+        if let Some(even) = self.town.even_surface(&seen.hit, of_one, extent) {
+            return even;
         }
         let samples = self
             .samples(x, y)
@@ -120,7 +128,7 @@ impl<'a> Task<'a> {
         Mirror { facets: self.quality.facets, sample: [0, 1], shift, angle: self.angle(), points: 1.0 }
     }
 
-    fn irradiance<const N: usize>(&self, seen: &Seen) -> Parts<N> {
+    pub(super) fn irradiance<const N: usize>(&self, seen: &Seen) -> Parts<N> {
         self.town.irradiance(&seen.hit, self.lighting)
     }
 
@@ -130,6 +138,20 @@ impl<'a> Task<'a> {
 
     fn mirrored<const N: usize>(&self, seen: &Seen, surface: &Surface) -> (Parts<N>, f32) {
         self.town.mirrored(seen.direction, &seen.hit, surface, self.lighting, self.mirror(seen))
+    }
+
+    pub(super) fn facets<const N: usize>(&self, seen: &Seen, surface: &Surface) -> (Parts<N>, f32) {
+        self.town.facets(seen.direction, &seen.hit, surface, self.lighting, self.mirror(seen))
+    }
+
+    pub(super) fn images<const N: usize>(
+        &self,
+        seen: &Seen,
+        surface: &Surface,
+        facets: Parts<N>,
+    ) -> Parts<N> {
+        let by = (self.lighting, self.mirror(seen));
+        self.town.images(seen.direction, &seen.hit, surface, by, facets)
     }
 }
 
@@ -145,10 +167,13 @@ impl<'a, const N: usize> Strip<'a, N> {
         let nodes_across = width.div_ceil(spacing);
         let mut strip = Self { task, width, spacing, from, first, seen, nodes: Vec::new(), nodes_across };
         let rows = (from..last).step_by(spacing);
-        strip.nodes = rows
+        let looks: Vec<Option<Look<N>>> = rows
             .flat_map(|y| (0..nodes_across).map(move |column| [column * spacing, y]))
-            .map(|[x, y]| strip.seen(x, y).map(|seen| strip.node(seen, x, y)))
+            .map(|[x, y]| strip.seen(x, y).map(|seen| Self::look(&task, seen, [x, y])))
             .collect();
+        let slow = Coarse { task, looks: &looks, across: nodes_across }.fill();
+        strip.nodes =
+            looks.into_iter().zip(slow).map(|(look, slow)| Some(strip.node(look?, &slow?))).collect();
         strip
     }
 
@@ -156,15 +181,17 @@ impl<'a, const N: usize> Strip<'a, N> {
         self.seen[(y - self.first) * self.width + x].as_ref()
     }
 
-    fn node(&self, seen: &Seen, x: usize, y: usize) -> Node<N> {
+    fn node(&self, Look { seen, surface, facets }: Look<N>, slow: &Slow<N>) -> Node<N> {
         let task = &self.task;
-        let surface = task.whole_surface(seen, x, y);
         Node {
             hit: seen.hit,
             surface,
-            irradiance: task.irradiance(seen),
-            pane: task.town.has_panes(&seen.hit).then(|| task.pane(seen)),
-            mirrored: (surface.wet > 0.0).then(|| task.mirrored(seen, &surface)),
+            irradiance: slow.irradiance,
+            pane: task.town.has_panes(&seen.hit).then(|| task.pane(&seen)),
+            mirrored: facets.map(|(mut light, share)| {
+                light.add(1.0, slow.images);
+                (light, share)
+            }),
         }
     }
 
@@ -215,7 +242,8 @@ impl<'a, const N: usize> Strip<'a, N> {
         let around = self.around(x, y);
         let tolerance = if edge { f32::INFINITY } else { task.quality.tolerance };
         let on_surface = |node: &&Node<N>| same_surface(&seen.hit, &node.hit);
-        let all = if edge { 1e-6 } else { 0.999 };
+        // Where much may differ, a part of the nodes may stand for all.
+        let all = if edge { 1e-6 } else { (1.0 - tolerance).clamp(0.2, 0.999) };
         // Weights of an edge's nodes count for how near they are, the node's own pixel most.
         let mix = |of: &dyn Fn(&Node<N>) -> Option<Parts<N>>, tolerance: f32, least: f32| {
             let (mut sum, mut weight) = (Parts::NONE, 0.0);
