@@ -30,7 +30,7 @@ const FIRST_M: f64 = 8.0;
 /// Steepest ray that a relief is asked for, metres up for one over the ground.
 const STEEPEST: f64 = 50.0;
 /// Most dry stretches of a ray that are told apart; what lies beyond them counts as rained on.
-const STRETCHES: usize = 24;
+const STRETCHES: usize = 8;
 
 /// A [`RainPath`] under covers, before one camera.
 pub struct CoveredRain<'a, V> {
