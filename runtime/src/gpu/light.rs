@@ -15,7 +15,7 @@ use super::rows::{RowSum, Rows};
 use super::shader::PACK;
 use super::targets::LIGHT;
 use crate::clouds::card::Scattered;
-use crate::clouds::{Clouds, LightReport, SunSource, Viewer};
+use crate::clouds::{Clouds, LightQuality, LightReport, SunSource, Viewer};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::place::Place;
@@ -67,6 +67,7 @@ pub struct Tints {
 struct Bundle {
     parts: Vec<(Arc<Stroke>, f64)>,
     rays: DirectRays,
+    quality: LightQuality,
 }
 
 impl Bundle {
@@ -74,7 +75,7 @@ impl Bundle {
         let same = |((a, x), (b, y)): (&(Arc<Stroke>, f64), &(Arc<Stroke>, f64))| {
             x == y && (Arc::ptr_eq(a, b) || a.segments == b.segments)
         };
-        self.rays == other.rays
+        (self.rays, self.quality) == (other.rays, other.quality)
             && self.parts.len() == other.parts.len()
             && self.parts.iter().zip(&other.parts).all(same)
     }
@@ -91,10 +92,13 @@ impl Bundle {
 }
 
 /// Strokes that flash, bundled into channels, each with its colour.
-fn bundles(lit: &[(Arc<Stroke>, &Flash)], rays: DirectRays) -> Vec<(Bundle, [f32; 3])> {
+fn bundles(
+    lit: &[(Arc<Stroke>, &Flash)],
+    (rays, quality): (DirectRays, LightQuality),
+) -> Vec<(Bundle, [f32; 3])> {
     if lit.len() <= CHANNELS {
         let own = |(stroke, flash): &(Arc<Stroke>, &Flash)| {
-            (Bundle { parts: vec![(stroke.clone(), 1.0)], rays }, flash.scale_of(stroke))
+            (Bundle { parts: vec![(stroke.clone(), 1.0)], rays, quality }, flash.scale_of(stroke))
         };
         return lit.iter().map(own).collect();
     }
@@ -104,7 +108,7 @@ fn bundles(lit: &[(Arc<Stroke>, &Flash)], rays: DirectRays) -> Vec<(Bundle, [f32
         let part = (stroke.clone(), flash.brightness);
         match colours.iter_mut().find(|(known, _)| *known == colour) {
             Some((_, bundle)) => bundle.parts.push(part),
-            None => colours.push((colour, Bundle { parts: vec![part], rays })),
+            None => colours.push((colour, Bundle { parts: vec![part], rays, quality })),
         }
     }
     if colours.len() <= CHANNELS {
@@ -115,7 +119,7 @@ fn bundles(lit: &[(Arc<Stroke>, &Flash)], rays: DirectRays) -> Vec<(Bundle, [f32
             (stroke.clone(), flash.brightness * f64::from(flash.color_of(stroke)[band]))
         };
         let parts = lit.iter().map(part).filter(|(_, factor)| *factor > 0.0).collect();
-        (Bundle { parts, rays }, Vec3::AXES[band].to_array())
+        (Bundle { parts, rays, quality }, Vec3::AXES[band].to_array())
     };
     (0..3).map(band).filter(|(bundle, _)| !bundle.parts.is_empty()).collect()
 }
@@ -321,7 +325,9 @@ impl CloudLights {
         let lit = strokes.into_iter().zip(&frame.flashes).filter(|(_, flash)| flash.brightness > 0.0);
         let lit: Vec<_> = lit.collect();
         let mut report = FrameReport::default();
-        self.set_strokes(gpu, clouds, bundles(&lit, frame.quality.rays), (viewer, moved), &mut report)?;
+        clouds.set_quality(frame.quality.light)?;
+        let lit = bundles(&lit, (frame.quality.rays, frame.quality.light));
+        self.set_strokes(gpu, clouds, lit, (viewer, moved), &mut report)?;
         let sky = (sky, place, &frame.sky);
         (report.sun, report.sky_missing) = self.set_sky(gpu, clouds, sky, (viewer, moved))?;
         Ok(report)
@@ -385,6 +391,8 @@ impl CloudLights {
             report.lights += channel.report.lights;
             report.sources += channel.report.sources;
             report.lights_live += channel.report.live;
+            let residuals = report.gather_residual.into_iter().chain(channel.report.residual);
+            report.gather_residual = residuals.reduce(f64::max);
             self.tints.strokes[at] =
                 Vec3::from_array(tint).extend(0.0).to_array().map(|band| band / channel.scale);
         }

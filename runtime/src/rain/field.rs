@@ -22,6 +22,10 @@ pub trait RainPath: Sync {
     fn farthest(&self) -> f64 {
         f64::INFINITY
     }
+    /// Whether a length costs so much that it is better interpolated between rays than found for each.
+    fn is_costly(&self) -> bool {
+        false
+    }
     /// Metres of full rain on a ray between the distances `from` ≥ 0 and `to`.
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64;
     /// Σ factor · [`RainPath::path`] over pieces of one ray: factor, from, to.
@@ -30,7 +34,11 @@ pub trait RainPath: Sync {
     }
     /// Whether anything keeps rain off in places, which only [`RainPath::path`] knows.
     fn has_covers(&self) -> bool {
-        false
+        self.without_covers().is_some()
+    }
+    /// The same rain without what keeps it off in places, where something does.
+    fn without_covers(&self) -> Option<&dyn RainPath> {
+        None
     }
     /// Whether a ray from the eye in unit `direction` is dry somewhere before it ends after `metres`.
     fn is_dry_before(&self, _direction: Vec3, _metres: f32) -> bool {
@@ -38,7 +46,7 @@ pub trait RainPath: Sync {
     }
 }
 
-impl<V: RainPath> RainPath for &V {
+impl<V: RainPath + ?Sized> RainPath for &V {
     fn is_everywhere(&self) -> bool {
         V::is_everywhere(self)
     }
@@ -63,8 +71,12 @@ impl<V: RainPath> RainPath for &V {
         V::weighted(self, ray, pieces)
     }
 
-    fn has_covers(&self) -> bool {
-        V::has_covers(self)
+    fn is_costly(&self) -> bool {
+        V::is_costly(self)
+    }
+
+    fn without_covers(&self) -> Option<&dyn RainPath> {
+        V::without_covers(self)
     }
 
     fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {
@@ -174,6 +186,10 @@ impl RainPath for RainField<'_> {
 
     fn farthest(&self) -> f64 {
         self.farthest.map_or(f64::INFINITY, |farthest| farthest.0)
+    }
+
+    fn is_costly(&self) -> bool {
+        self.map.is_some()
     }
 
     /// Metres of rain on the ray between the distances `from` ≥ 0 and `to`, as dense as [`RainField::rate`] has it: its extinction

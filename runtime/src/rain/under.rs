@@ -286,8 +286,12 @@ impl<V: RainPath> RainPath for CoveredRain<'_, V> {
         self.rain.farthest()
     }
 
-    fn has_covers(&self) -> bool {
-        self.relief.is_some()
+    fn is_costly(&self) -> bool {
+        self.rain.is_costly()
+    }
+
+    fn without_covers(&self) -> Option<&dyn RainPath> {
+        self.relief.is_some().then_some(&self.rain)
     }
 
     fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {
