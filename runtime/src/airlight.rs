@@ -11,6 +11,7 @@
 //! | β      | extinction  | 1/m  |
 //! | A      | βh          | –    |
 
+mod past;
 #[cfg(feature = "gpu")]
 mod upload;
 
@@ -71,6 +72,16 @@ fn density(phase: &Phase, s: f64) -> (f64, [f64; 3]) {
     let share = 2.0 / (1.0 + w * w);
     let rise = if s > 0.0 { (1.0 - s * s) / (s * s) } else { f64::INFINITY };
     (rise, phase.values(-w * share).map(|value| value * share * 4.0 * s))
+}
+
+/// s of the place t along the ray from the foot: 1 − t/(r + h), in a form that keeps its digits far from the point.
+fn place(h: f64, t: f64) -> f64 {
+    if t == f64::INFINITY {
+        return 0.0;
+    }
+    let r = (t * t + h * h).sqrt();
+    let rest = if t > 0.0 { h * h / (r + t) } else { r - t };
+    (0.5 * (rest + h) / (r + h)).sqrt()
 }
 
 impl Airlight {
@@ -168,15 +179,6 @@ impl Airlight {
         if thickness >= THICKEST || end <= 0.0 || extinction <= 0.0 {
             return [0.0; 3];
         }
-        // 1 − t/(r + h), in a form that keeps its digits far from the point.
-        let place = |t: f64| {
-            if t == f64::INFINITY {
-                return 0.0;
-            }
-            let r = (t * t + h * h).sqrt();
-            let rest = if t > 0.0 { h * h / (r + t) } else { r - t };
-            (0.5 * (rest + h) / (r + h)).sqrt()
-        };
         // Far behind the eye F falls faster than a double can hold, and the factor before it grows as fast: light
         // that comes through a depth of e^−709 is none.
         let growth = libm::exp(-extinction * foot);
@@ -184,7 +186,7 @@ impl Airlight {
             return [0.0; 3];
         }
         let share = extinction / h * growth;
-        self.between(thickness, place(-foot), place(end - foot)).map(|value| value * share)
+        self.between(thickness, place(h, -foot), place(h, end - foot)).map(|value| value * share)
     }
 
     /// The same of a line between two ends, per unit of the whole line's intensity: as many points as it is long in distances from

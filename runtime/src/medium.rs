@@ -30,8 +30,8 @@ use crate::error::RuntimeError;
 use crate::rain::{RainPath, RainVolume, Shot};
 use crate::world::{InScattering, WorldLight};
 use squall_formats::drops::{self as rain_drops, Optics, paper};
-use squall_formats::section::density::{DensitySection, Mode};
-use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre};
+use squall_formats::section::density::{AxisPlace, DensitySection, Mode};
+use squall_formats::units::{MillimetresPerHour, PerKilometre, PerMetre, Seconds};
 
 /// One class's shell of depths in which its drops are drawn as streaks, and the extinction they would have had.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,10 +100,7 @@ impl Medium {
         if rate.0 == 0.0 {
             return Ok(medium);
         }
-        let place = section.place(rate).ok_or_else(|| {
-            let wanted = format!("0 to {} mm/h, the range of this asset's rain", section.largest_rate().0);
-            RuntimeError::argument("rate", wanted, rate.0)
-        })?;
+        let place = placed(section, rate)?;
         let table = section.table(Mode::Default);
         for class in 0..table.classes.len() {
             let moments = table.moments(&place, class);
@@ -118,6 +115,25 @@ impl Medium {
             medium.drawn.push(Shell { extinction, near, far });
         }
         Ok(medium)
+    }
+
+    /// How fast drops of this rain fall, the mean over what they cover, m/s; nothing where there is no rain.
+    ///
+    /// Errors: as [`Medium::beside_streaks`].
+    pub fn fall_speed(section: &DensitySection, rate: MillimetresPerHour) -> Result<f64, RuntimeError> {
+        if rate.0 == 0.0 {
+            return Ok(0.0);
+        }
+        let place = placed(section, rate)?;
+        let table = section.table(Mode::Default);
+        let (mut covered, mut fallen) = (0.0, 0.0);
+        for class in 0..table.classes.len() {
+            let moments = table.moments(&place, class);
+            let length = |seconds: f64| moments.area_times_length(Seconds(seconds));
+            covered += moments.area;
+            fallen += length(1.0) - length(0.0);
+        }
+        Ok(if covered > 0.0 { fallen / covered } else { 0.0 })
     }
 
     /// Extinction where nothing is drawn.
@@ -186,6 +202,16 @@ impl Medium {
     pub fn with_phase(self, phase: Phase) -> Self {
         Self { phase, ..self }
     }
+}
+
+/// Where a rate lies in a section's tables.
+///
+/// Errors: a rate outside of them.
+fn placed(section: &DensitySection, rate: MillimetresPerHour) -> Result<AxisPlace, RuntimeError> {
+    section.place(rate).ok_or_else(|| {
+        let wanted = format!("0 to {} mm/h, the range of this asset's rain", section.largest_rate().0);
+        RuntimeError::argument("rate", wanted, rate.0)
+    })
 }
 
 #[cfg(test)]

@@ -32,6 +32,7 @@ mod scatter;
 mod search;
 pub mod shelter;
 mod streak;
+pub mod under;
 #[cfg(feature = "gpu")]
 mod upload;
 pub mod volume;
@@ -60,6 +61,7 @@ pub use place::{MapChoice, RainPlace};
 pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
 pub use streak::Streak;
+pub use under::CoveredRain;
 pub use volume::{Ceiling, RainVolume, Region};
 pub use window::SmoothWindow;
 

@@ -126,7 +126,7 @@ impl WorldLight {
     }
 
     /// Mean radiance of the whole sphere and its standard deviation, the sun left out, W/(m² sr), of the three colours' mean.
-    fn spread(&self) -> [f64; 2] {
+    pub(crate) fn spread(&self) -> [f64; 2] {
         let grey = |value: &[f32; 3]| value.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0;
         // Harmonics are orthonormal: squares add up to the square's integral over the sphere.
         let rest = self.harmonics[1..].iter().chain(&self.finer);

@@ -67,6 +67,13 @@ fn rain_left_along(origin: vec3f, way: vec3f, metres: f32) -> f32 {
     return select(exp(-depth), 0.0, depth > 85.0);
 }
 
+// What rain sends on of a beam that it takes, to a surface whose normal has this cosine to it. (renderer/town_rain.rs)
+fn sent_on(cosine: f32) -> f32 {
+    let p = light.phases[2];
+    let whole = select(1.0, p.y, p.y > 0.0);
+    return max(0.25 * whole + 0.5 * p.z * cosine + 0.3125 * p.w * (1.5 * cosine * cosine - 0.5), 0.0);
+}
+
 fn rain_left(origin: vec3f, end: vec3f) -> f32 {
     if view.measures.w == 0.0 { return 1.0; }
     let way = end - origin;
@@ -183,8 +190,13 @@ fn irradiance(spot: Spot) -> vec3f {
             sum += light.intensity * (own * rain_left(start, light.start));
         }
     }
-    let cosine = dot(spot.normal, view.sun_towards.xyz) * around.sun_open;
-    if cosine > 0.0 && any(view.sun.xyz > vec3f(0.0)) && sees_sun(start) { sum += view.sun.xyz * cosine; }
+    if any(view.sun.xyz > vec3f(0.0)) {
+        let cosine = dot(spot.normal, view.sun_towards.xyz);
+        let left = rain_left_along(start, view.sun_towards.xyz, ENDLESS);
+        var share = (1.0 - left) * sent_on(cosine);
+        if cosine * left > 0.0 && sees_sun(start) { share += cosine * left; }
+        sum += view.sun.xyz * (share * around.sun_open);
+    }
     return sum + lamp_light(spot.point, spot.normal, spot.thing, sum);
 }
 
@@ -295,7 +307,9 @@ fn add_images(facets: vec3f, spot: Spot, to_viewer: vec3f, water_slope: f32) -> 
         let disc = 0.25 * view.sun_towards.w;
         let wide = sqrt(slope * slope + disc * disc);
         let share = rippled_highlight(spot.normal, view.sun_towards.xyz, to_viewer, wide) * around.sun_open;
-        if share > 0.0 && sees_sun(start) { sum += view.sun.xyz * share; }
+        if share > 0.0 && sees_sun(start) {
+            sum += view.sun.xyz * (share * rain_left_along(start, view.sun_towards.xyz, ENDLESS));
+        }
     }
     return sum;
 }

@@ -239,7 +239,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             }
             let ranges = depth.is_none_or(|(_, ranges)| ranges);
             let mut seen = [0.0; LANES];
-            self.optical_depths([at, y, row], (&known, ranges, mapped), &secants, &mut seen);
+            self.optical_depths([at, y, row], (&known, ranges, mapped), (&tangents, &secants), &mut seen);
             exp_neg(&mut seen);
             let done = match self.has_nodes && beams.is_empty() {
                 true => blend_line(&seen, &line[at / FLAT..], pixels),
@@ -280,11 +280,12 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
     #[inline(always)]
     fn optical_depths(
         &self,
-        [x, y, row]: [usize; 3],
+        place: [usize; 3],
         (metres, ranges, mapped): (&Lanes, bool, &Mapped),
-        secants: &Lanes,
+        (tangents, secants): (&Lanes, &Lanes),
         depths: &mut Lanes,
     ) {
+        let [x, y, row] = place;
         let mut range = *metres;
         if !ranges {
             for i in 0..LANES {
@@ -295,9 +296,12 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             *range = if *range > self.farthest { self.farthest } else { *range };
         }
         let mut special = 0u32;
+        let dry = self.dry([x, y], (tangents, secants), &range);
         for i in 0..LANES {
-            let plain =
-                (range[i] >= self.shells_end * secants[i]) & (range[i] > 0.0) & (range[i] <= self.full);
+            let plain = (range[i] >= self.shells_end * secants[i])
+                & (range[i] > 0.0)
+                & (range[i] <= self.full)
+                & (dry >> i & 1 == 0);
             special |= u32::from(!plain);
             let depth = self.extinction * range[i] - self.shells_hold * secants[i];
             depths[i] = if depth > 0.0 { depth } else { 0.0 };
@@ -306,20 +310,38 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             return;
         }
         for i in 0..LANES.min(self.camera.width as usize - x) {
-            let plain =
-                (range[i] >= self.shells_end * secants[i]) & (range[i] > 0.0) & (range[i] <= self.full);
+            let is_dry = dry >> i & 1 == 1;
+            let plain = (range[i] >= self.shells_end * secants[i])
+                & (range[i] > 0.0)
+                & (range[i] <= self.full)
+                & !is_dry;
             if plain {
                 continue;
             }
-            depths[i] = match self.is_mapped {
+            depths[i] = match self.is_mapped && !is_dry {
                 true => self.mapped_depth(mapped, [x + i, y, row], range[i], secants[i]),
-                false => self.one_optical_depth([x + i, y], range[i], secants[i]),
+                false => self.one_optical_depth([x + i, y], (range[i], secants[i]), is_dry),
             };
         }
     }
 
+    /// A bit for each pixel from (x, y) on whose ray is dry somewhere before its end.
+    #[inline(always)]
+    fn dry(&self, [x, y]: [usize; 2], (tangents, secants): (&Lanes, &Lanes), range: &Lanes) -> u64 {
+        if !self.volume.has_covers() {
+            return 0;
+        }
+        let down = f64::from(self.first[1] + (y as f32 + 0.5) * self.per_pixel[1]);
+        let ahead = (self.camera.forward - self.camera.up * down).as_vec3();
+        let right = self.camera.right.as_vec3();
+        let count = LANES.min(self.camera.width as usize - x);
+        let is_dry =
+            |i: usize| self.volume.is_dry_before((ahead + right * tangents[i]) / secants[i], range[i]);
+        (0..count).filter(|&i| is_dry(i)).fold(0, |bits, i| bits | 1 << i)
+    }
+
     /// The same of any pixel.
-    fn one_optical_depth(&self, [x, y]: [usize; 2], range: f32, secant: f32) -> f32 {
+    fn one_optical_depth(&self, [x, y]: [usize; 2], (range, secant): (f32, f32), is_dry: bool) -> f32 {
         let planar = if range > 0.0 {
             f64::from(range / secant)
         } else {
@@ -329,7 +351,8 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             }
         };
         // A filled hole is as far as it was filled, not as its raw number says.
-        if planar * f64::from(secant) <= f64::from(self.full) || self.full == f32::INFINITY {
+        let is_full = planar * f64::from(secant) <= f64::from(self.full) || self.full == f32::INFINITY;
+        if is_full && !is_dry {
             return self.medium.optical_depth(planar, f64::from(secant)) as f32;
         }
         let ray = self.ray(x, y);

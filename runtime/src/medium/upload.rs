@@ -10,9 +10,12 @@ impl Medium {
 }
 
 impl Phase {
-    /// Asymmetry and factor of Henyey and Greenstein's function; a factor of 0 where it is a table.
+    /// Asymmetry and factor of Henyey and Greenstein's function, a factor of 0 where it is a table; degrees 1 and 2 of any, the mean of
+    /// the colours.
     pub(crate) fn numbers(&self) -> [f32; 4] {
-        self.as_henyey_greenstein().map_or([0.0; 4], |(factor, g)| [g as f32, factor as f32, 0.0, 0.0])
+        let mean = |degree| self.moments(degree).iter().sum::<f64>() as f32 / 3.0;
+        let (factor, g) = self.as_henyey_greenstein().unwrap_or_default();
+        [g as f32, factor as f32, mean(1), mean(2)]
     }
 
     /// Values by half degrees of a table.

@@ -198,6 +198,11 @@ impl Shelter for Covers<'_> {
         self.maps.iter().all(|map| map.reaches(point, velocity))
             && self.first.is_none_or(|first| first.reaches(point, velocity))
     }
+
+    fn lid(&self, place: DVec3, velocity: DVec3, range: [f64; 2]) -> f64 {
+        let first = self.first.map_or(f64::NEG_INFINITY, |first| first.lid(place, velocity, range));
+        self.maps.iter().map(|map| map.lid(place, velocity, range)).fold(first, f64::max)
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ mod upload;
 use super::map::RainMap;
 use super::volume::RainVolume;
 use crate::camera::Ray;
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use squall_formats::drops::SLOPE_POWER;
 use squall_formats::units::{Metres, MillimetresPerHour};
 
@@ -31,6 +31,56 @@ pub trait RainPath: Sync {
     /// Σ factor · [`RainPath::path`] over pieces of one ray: factor, from, to.
     fn weighted(&self, ray: &Ray, pieces: &mut dyn Iterator<Item = [f64; 3]>) -> f64 {
         pieces.map(|[factor, from, to]| factor * self.path(ray, from, to)).sum()
+    }
+    /// Whether anything keeps rain off in places, which only [`RainPath::path`] knows.
+    fn has_covers(&self) -> bool {
+        self.without_covers().is_some()
+    }
+    /// The same rain without what keeps it off in places, where something does.
+    fn without_covers(&self) -> Option<&dyn RainPath> {
+        None
+    }
+    /// Whether a ray from the eye in unit `direction` is dry somewhere before it ends after `metres`.
+    fn is_dry_before(&self, _direction: Vec3, _metres: f32) -> bool {
+        false
+    }
+}
+
+impl<V: RainPath + ?Sized> RainPath for &V {
+    fn is_everywhere(&self) -> bool {
+        V::is_everywhere(self)
+    }
+
+    fn fills(&self, centre: DVec3, radius: f64) -> bool {
+        V::fills(self, centre, radius)
+    }
+
+    fn filled_radius(&self, centre: DVec3) -> f64 {
+        V::filled_radius(self, centre)
+    }
+
+    fn farthest(&self) -> f64 {
+        V::farthest(self)
+    }
+
+    fn path(&self, ray: &Ray, from: f64, to: f64) -> f64 {
+        V::path(self, ray, from, to)
+    }
+
+    fn weighted(&self, ray: &Ray, pieces: &mut dyn Iterator<Item = [f64; 3]>) -> f64 {
+        V::weighted(self, ray, pieces)
+    }
+
+    fn is_costly(&self) -> bool {
+        V::is_costly(self)
+    }
+
+    fn without_covers(&self) -> Option<&dyn RainPath> {
+        V::without_covers(self)
+    }
+
+    fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {
+        V::is_dry_before(self, direction, metres)
     }
 }
 

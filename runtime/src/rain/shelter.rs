@@ -8,6 +8,26 @@ use squall_formats::units::Metres;
 pub trait Shelter: Sync {
     /// Whether a drop that falls with `velocity` (m/s) reaches `point` (m) with nothing in between.
     fn reaches(&self, point: DVec3, velocity: DVec3) -> bool;
+
+    /// Height z, m, below which a drop that falls through `place` with `velocity` (downwards) is kept off everywhere on its way, between
+    /// `low` and `high`: −∞ where it reaches `low`, +∞ where it does not reach `high`. As it stands, found by halves, within a
+    /// ten-thousandth of what lies between.
+    fn lid(&self, place: DVec3, velocity: DVec3, [low, high]: [f64; 2]) -> f64 {
+        const HALVES: usize = 14;
+        let is_dry = |z: f64| !self.reaches(place + velocity * ((z - place.z) / velocity.z), velocity);
+        if !is_dry(low) {
+            return f64::NEG_INFINITY;
+        }
+        if is_dry(high) {
+            return f64::INFINITY;
+        }
+        let (mut dry, mut open) = (low, high);
+        for _ in 0..HALVES {
+            let middle = 0.5 * (dry + open);
+            *(if is_dry(middle) { &mut dry } else { &mut open }) = middle;
+        }
+        0.5 * (dry + open)
+    }
 }
 
 impl<F: Fn(DVec3, DVec3) -> bool + Sync> Shelter for F {

@@ -3,7 +3,8 @@
 //!
 //! Both tables are of an even medium. To a lamp, the rain on the way counts as even, as thick as it is in the mean; on the ray, rain
 //! that thins out counts as rain that ends sooner. A stroke that stands beyond the rain's bounds lights it as a distant light instead
-//! ([`super::rain`]). Walls between a light and the rain are not looked for.
+//! ([`super::rain`]). A lamp lights the rain that its town's walls let it reach ([`Halos::with_walls`]);
+//! walls before a channel's rain are not looked for.
 //!
 //! A halo is smooth but where its light stands: it is worked out at the corners of tiles ([`tiles`]), for as many depths as the
 //! tile's things need, and lies between them where the tile's middle agrees with that; elsewhere it is worked out pixel by pixel.
@@ -19,6 +20,7 @@ use crate::medium::{Medium, Phase};
 use crate::picture::Picture;
 use crate::point_spread::PointSpread;
 use crate::rain::RainPath;
+use crate::shade::town::Town;
 use glam::DVec3;
 use squall_formats::section::town::StreetLamp;
 
@@ -68,8 +70,8 @@ struct Halo {
 
 /// What of a light scatters.
 enum Shape {
-    /// A lamp, all orders.
-    Lamp(DVec3),
+    /// A lamp, all orders, and its number.
+    Lamp(DVec3, usize),
     /// A piece of a stroke between two ends, scattered once.
     Line([DVec3; 2]),
     /// A part of a stroke and its radius, scattered more than once.
@@ -81,13 +83,20 @@ pub struct Halos<'a> {
     tables: &'a Spreading,
     extinction: f64,
     field: &'a dyn RainPath,
+    walls: Option<&'a Town>,
     lights: Vec<Halo>,
 }
 
 impl<'a> Halos<'a> {
     /// None yet.
     pub fn new(tables: &'a Spreading, medium: &Medium, field: &'a dyn RainPath) -> Self {
-        Self { tables, extinction: medium.extinction().0, field, lights: Vec::new() }
+        Self { tables, extinction: medium.extinction().0, field, walls: None, lights: Vec::new() }
+    }
+
+    /// The same where a town's walls and hills stand between its own lamps, in its own order, and the rain that they light.
+    #[must_use]
+    pub fn with_walls(self, walls: Option<&'a Town>) -> Self {
+        Self { walls, ..self }
     }
 
     fn add(&mut self, shape: Shape, intensity: [f32; 3], extinction: f64, distance: f64) {
@@ -95,7 +104,7 @@ impl<'a> Halos<'a> {
         let once = self.tables.once.most() * extinction * total;
         let more = self.tables.more.most_at(extinction, distance) * total;
         let most = match shape {
-            Shape::Lamp(_) => [once, more],
+            Shape::Lamp(..) => [once, more],
             Shape::Line(_) => [once, 0.0],
             Shape::Ball(..) => [0.0, more],
         };
@@ -106,7 +115,7 @@ impl<'a> Halos<'a> {
 
     /// Adds lamps, as far as it rains between them and the eye.
     pub fn add_lamps(&mut self, lamps: &[StreetLamp], eye: DVec3) {
-        for lamp in lamps {
+        for (number, lamp) in lamps.iter().enumerate() {
             let place = DVec3::from_array(lamp.position.map(f64::from));
             let distance = eye.distance(place);
             let ray = Ray { origin: eye, direction: (place - eye).normalize_or(DVec3::Z) };
@@ -114,7 +123,7 @@ impl<'a> Halos<'a> {
                 true => 1.0,
                 false => self.field.path(&ray, 0.0, distance) / distance,
             };
-            self.add(Shape::Lamp(place), lamp.intensity, self.extinction * share, distance);
+            self.add(Shape::Lamp(place, number), lamp.intensity, self.extinction * share, distance);
         }
     }
 
@@ -177,7 +186,7 @@ impl<'a> Halos<'a> {
         for number in lights {
             let Halo { shape, intensity, extinction, .. } = &self.lights[number];
             let (middle, radius) = match shape {
-                Shape::Lamp(place) => (*place, LAMP_RADIUS_M),
+                Shape::Lamp(place, _) => (*place, LAMP_RADIUS_M),
                 Shape::Line(ends) => (0.5 * (ends[0] + ends[1]), 0.5 * ends[0].distance(ends[1])),
                 Shape::Ball(place, radius) => (*place, *radius),
             };
@@ -186,9 +195,26 @@ impl<'a> Halos<'a> {
             let mut add = |share: [f64; 3]| {
                 (0..3).for_each(|band| sum[band] += intensity[band] * share[band] as f32);
             };
-            if bounds[0] > 0.0 {
+            // Light that is scattered more than once goes the same ways to begin with, and loses the same share.
+            let mut open = 1.0;
+            if bounds[0] > 0.0 || (bounds[1] > 0.0 && self.walls.is_some()) {
                 match shape {
-                    Shape::Lamp(_) => add(once.of_point(*extinction, &beside)),
+                    Shape::Lamp(_, number) => {
+                        let whole = once.of_point(*extinction, &beside);
+                        let seen = match self.walls {
+                            Some(town) => {
+                                let reaches = |along: f64| {
+                                    let place = ray.origin + ray.direction * along;
+                                    f64::from(town.lamp_reaches(*number, place.as_vec3()))
+                                };
+                                once.of_point_past(*extinction, &beside, whole, &reaches)
+                            }
+                            None => whole,
+                        };
+                        let [total, left] = [whole, seen].map(|light| light[0] + light[1] + light[2]);
+                        open = if total > 0.0 { left / total } else { 1.0 };
+                        add(seen);
+                    }
                     Shape::Line(ends) => {
                         add(once.of_line(*extinction, *ends, ray.origin, ray.direction, end));
                     }
@@ -196,7 +222,7 @@ impl<'a> Halos<'a> {
                 }
             }
             if bounds[1] > 0.0 {
-                add(more.of_point(*extinction, &beside));
+                add(more.of_point(*extinction, &beside).map(|share| share * open));
             }
         }
         sum

@@ -11,8 +11,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene, Shelter,
-    Shot, SmoothWindow, Workspace,
+    CoveredRain, Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene,
+    Shelter, Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -80,10 +80,15 @@ impl Place {
 /// Street lamps farther from the eye than this light no drop that is drawn, m.
 pub(super) const LAMP_REACH_M: f64 = 60.0;
 
+/// A street lamp near the eye: its number in the town, its place and its intensity.
+type NearLamp = (usize, DVec3, [f32; 3]);
+
 /// What drops show: the scene around them, and the street lamps near by.
 struct DropLight<'a> {
     world: &'a InScattering,
-    lamps: Vec<(DVec3, [f32; 3])>,
+    lamps: Vec<NearLamp>,
+    /// What stands between the lamps and drops.
+    walls: Option<&'a Town>,
     /// Mean radiance around, and how many times a flash counts when drops pick patterns.
     around: f64,
     lightning_bias: f64,
@@ -99,13 +104,17 @@ impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
-        for (lamp, intensity) in &self.lamps {
+        for (number, lamp, intensity) in &self.lamps {
+            let reaches = self.walls.map_or(1.0, |town| town.lamp_reaches(*number, drop.as_vec3()));
+            if reaches == 0.0 {
+                continue;
+            }
             let way = drop - *lamp;
             let squared = way.length_squared().max(0.01);
             let cosine = -way.dot(ray.direction) / squared.sqrt();
             let share = self.world.phase().values(cosine);
             for band in 0..3 {
-                light[band] += (f64::from(intensity[band]) * share[band] / squared) as f32;
+                light[band] += reaches * (f64::from(intensity[band]) * share[band] / squared) as f32;
             }
         }
         light
@@ -113,9 +122,8 @@ impl RainLight for DropLight<'_> {
 
     fn contrast(&self, ray: &Ray, distance: f64) -> f32 {
         let drop = ray.origin + ray.direction * distance;
-        let lamp = |(lamp, intensity): &(DVec3, [f32; 3])| {
-            mean(intensity) / (*lamp - drop).length_squared().max(0.01)
-        };
+        let lamp =
+            |(_, lamp, intensity): &NearLamp| mean(intensity) / (*lamp - drop).length_squared().max(0.01);
         self.world.contrast_beside(self.lamps.iter().map(lamp).sum())
     }
 
@@ -127,7 +135,7 @@ impl RainLight for DropLight<'_> {
             let bias = if at == 0 && self.has_flash { self.lightning_bias } else { 1.0 };
             (beam.towards, mean(&beam.irradiance) * bias)
         });
-        let lamps = self.lamps.iter().map(|(lamp, intensity)| {
+        let lamps = self.lamps.iter().map(|(_, lamp, intensity)| {
             let way = *lamp - drop;
             (way.normalize_or_zero(), mean(intensity) / way.length_squared().max(0.01))
         });
@@ -140,6 +148,8 @@ impl RainLight for DropLight<'_> {
 pub struct RainMedium<'a> {
     medium: Option<Medium>,
     field: RainField<'a>,
+    /// The same under the covers, as the eye sees it.
+    covered: Option<CoveredRain<'a, RainFan<'a>>>,
     light: DropLight<'a>,
 }
 
@@ -152,7 +162,11 @@ impl RainMedium<'_> {
         let secant = 1.0 / direction.dot(camera.forward).max(1e-6);
         let ray = Ray { origin: camera.position, direction };
         let depth = offset.length() / secant;
-        libm::exp(-medium.optical_depth_in(&self.field, &ray, depth, secant)) as f32
+        let found = match &self.covered {
+            Some(covered) => medium.optical_depth_in(covered, &ray, depth, secant),
+            None => medium.optical_depth_in(&self.field, &ray, depth, secant),
+        };
+        libm::exp(-found) as f32
     }
 }
 
@@ -204,15 +218,16 @@ pub fn medium<'a>(
     let (weather, camera) = (&task.frame.weather, &task.frame.camera);
     let field = task.place.field(task.frame);
     let place = |lamp: &StreetLamp| DVec3::from_array(lamp.position.map(f64::from));
-    let near = |lamp: &&StreetLamp| place(lamp).distance(camera.position) < LAMP_REACH_M;
-    let lamps = task.lamps.iter().filter(near).map(|lamp| (place(lamp), lamp.intensity)).collect();
+    let near = |(_, lamp): &(usize, &StreetLamp)| place(lamp).distance(camera.position) < LAMP_REACH_M;
+    let lamps = task.lamps.iter().enumerate().filter(near);
+    let lamps = lamps.map(|(number, lamp)| (number, place(lamp), lamp.intensity)).collect();
     let brightness: f64 = task.frame.flashes.iter().map(|flash| flash.brightness).sum();
     let lightning_bias = 1.0 + task.frame.streaks.lightning_bias * brightness;
     let around = mean(&task.around);
     let has_flash = flash_at_eye(task.flashes, camera.position).irradiance != [0.0; 3];
-    let light = DropLight { world: task.drops, lamps, around, lightning_bias, has_flash };
+    let light = DropLight { world: task.drops, lamps, walls: task.town, around, lightning_bias, has_flash };
     if weather.rate.0 == 0.0 {
-        return Ok(RainMedium { medium: None, field, light });
+        return Ok(RainMedium { medium: None, field, covered: None, light });
     }
     memory.metres.clear();
     if task.has_depth {
@@ -227,18 +242,26 @@ pub fn medium<'a>(
     let full = field.filled_radius(eye).min(field.farthest());
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
-    let volume = RainFan::new(field, camera);
-    let outlook = Outlook { camera, volume, light: &own, depth };
+    let fall = weather.wind - DVec3::Z * Medium::fall_speed(task.section, field.rate(weather.rate))?;
+    let covered = CoveredRain::new(RainFan::new(field, camera), covers_of(task), fall, camera);
+    let outlook = Outlook { camera, volume: &covered, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
     let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
-    let mut halos = Halos::new(&spreading, &medium, &field);
+    let mut halos = Halos::new(&spreading, &medium, &field).with_walls(task.town);
     halos.add_lamps(task.lamps, eye);
     task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
     halos.draw(camera, &memory.metres, &mut memory.picture);
     memory.spreading = Some(spreading);
-    Ok(RainMedium { medium: Some(medium), field, light })
+    Ok(RainMedium { medium: Some(medium), field, covered: Some(covered), light })
+}
+
+/// What keeps the frame's rain off.
+fn covers_of<'a>(task: &Task<'a>) -> Covers<'a> {
+    let place = &task.frame.place;
+    let town = task.town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
+    Covers { first: town, maps: &place.covers }
 }
 
 /// Draws the frame's streaks over the picture; returns how many were found.
@@ -247,9 +270,8 @@ pub fn streaks(task: &Task<'_>, medium: &RainMedium<'_>, memory: &mut Memory) ->
         return Ok(0);
     }
     let (shot, gain) = (shot_of(task.frame), task.frame.streaks.gain);
-    let (weather, place) = (&task.frame.weather, &task.frame.place);
-    let town = task.town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
-    let covers = Covers { first: town, maps: &place.covers };
+    let weather = &task.frame.weather;
+    let covers = covers_of(task);
     let shelter = (!covers.is_empty()).then_some(&covers as &dyn Shelter);
     let found = task.rain.find_in(&shot, weather, &medium.field, shelter, &mut memory.rain)?.len();
     let (depth, light) = (Some(depth_of(&memory.metres, &memory.picture)?), &medium.light);
@@ -278,7 +300,14 @@ mod tests {
         let main = |flash: f32, has_flash| {
             let beam = Beam { towards: DVec3::Z, irradiance: [flash; 3] };
             let world = &world.in_scattering(&phase).with_beam(beam);
-            let light = DropLight { world, lamps: Vec::new(), around: 1.0, lightning_bias: 10.0, has_flash };
+            let light = DropLight {
+                world,
+                lamps: Vec::new(),
+                walls: None,
+                around: 1.0,
+                lightning_bias: 10.0,
+                has_flash,
+            };
             light.main_light(&ray, 1.0).unwrap()
         };
         let share = |irradiance: f64| irradiance / (irradiance + std::f64::consts::PI);

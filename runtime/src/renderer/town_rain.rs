@@ -16,14 +16,25 @@ pub struct TownRain<'a> {
     medium: Medium,
     field: RainField<'a>,
     light: &'a InScattering,
+    /// What the phase function leaves of the degrees 0 to 2, the mean of the three colours.
+    weakening: [f32; 3],
     /// Of rain that has a map.
     table: Option<DepthTable>,
+}
+
+/// Irradiance on a surface whose normal has this cosine to a beam's direction, for 1 W/m² that is spread by a phase function: max(cos, 0)
+/// in Legendre's polynomials, each weakened.
+fn sent_on(weakening: &[f32; 3], cosine: f32) -> f32 {
+    let [a, b, c] = weakening;
+    (0.25 * a + 0.5 * b * cosine + 0.3125 * c * (1.5 * cosine * cosine - 0.5)).max(0.0)
 }
 
 impl<'a> TownRain<'a> {
     /// Rain that is this medium in this field, and what it shows of the world's light.
     pub fn new(medium: Medium, field: RainField<'a>, light: &'a InScattering) -> Self {
-        Self { medium, field, light, table: None }
+        let mean = |degree| medium.phase().moments(degree).iter().sum::<f64>() as f32 / 3.0;
+        let weakening = [0, 1, 2].map(mean);
+        Self { medium, field, light, weakening, table: None }
     }
 
     /// The same with depths from around `eye` to the sky, and to the `targets` of [`RainBetween::left_far`], tabulated: for rain that
@@ -79,6 +90,18 @@ impl RainBetween for TownRain<'_> {
         };
         let added = if left < 1.0 { self.light.radiance(direction) } else { [0.0; 3] };
         (left, added.map(|value| value * (1.0 - left)))
+    }
+
+    /// What rain takes from a beam it sends on by its phase function p: to a surface beyond, ∫ p max(cos, 0) dω of it, to the second
+    /// degree. Walls keep nothing of that off.
+    fn of_beam(&self, from: Vec3, towards: Vec3, cosine: f32) -> [f32; 2] {
+        let depth = |from, direction, metres| self.depth(from, direction, metres);
+        let found = self.table.as_ref().and_then(|table| table.to_sky(from, towards, &depth));
+        let left = match found {
+            Some(depth) => exp_neg(depth),
+            None => self.share(from.as_dvec3(), towards.as_dvec3(), f64::INFINITY),
+        };
+        [left, (1.0 - left) * sent_on(&self.weakening, cosine)]
     }
 }
 
@@ -136,5 +159,53 @@ mod tests {
             let found = f64::from(rain.left(from, to));
             assert!((found - wanted).abs() < ROUND_OFF, "{from} {to}: {found} {wanted}");
         }
+    }
+
+    #[test]
+    fn the_sun_is_dimmed_by_the_rain_on_its_own_way_and_sent_on_by_it() {
+        use crate::shade::town::light::Lighting;
+        use crate::shade::town::line::Images;
+        use crate::shade::town::rain::NoRain;
+        use crate::shade::town::tests::small_town;
+        use crate::world::Sun;
+        /// Single precision.
+        const ROUND_OFF: f32 = 1e-4;
+        let (town, world) = (small_town(), WorldLight::uniform([0.0; 3]));
+        let medium = Medium::geometric(MillimetresPerHour(75.0));
+        let shown = medium.in_scattering(&world);
+        let (extinction, g) = (medium.extinction().0 as f32, 0.77f32);
+        for (height, elevation_sine) in [(300.0f32, 0.6f32), (900.0, 0.2), (0.0, 0.6)] {
+            let ceiling = Some(Ceiling { height: Metres(f64::from(height)), softness: Metres(0.0) });
+            let field = RainField::from(RainVolume { ceiling, region: None });
+            let rain = TownRain::new(medium.clone(), field, &shown);
+            let towards = Vec3::new(0.0, -(1.0 - elevation_sine * elevation_sine).sqrt(), elevation_sine);
+            let sun = Sun { towards, irradiance: [50.0; 3], angular_radius: Sun::ANGULAR_RADIUS };
+            let dry = Lighting {
+                ambient: &|_| [0.0; 3],
+                points: &[],
+                images: Images::NONE,
+                strokes: &[],
+                glows: &[],
+                leaves: &|_, _| [0.0; 3],
+                sun: None,
+                rain: &NoRain,
+            };
+            let on = |x: f32, y: f32| {
+                let hit = town.trace(Vec3::new(x, y, 2.0), Vec3::NEG_Z, 10.0).unwrap();
+                let of = |sun| town.irradiance::<0>(&hit, &Lighting { sun, rain: &rain, ..dry }).base[1];
+                of(Some(sun)) - of(None)
+            };
+            let left = libm::expf(-extinction * height / elevation_sine);
+            let degree_2 = 0.3125 * g * g * (1.5 * elevation_sine * elevation_sine - 0.5);
+            let spread = (1.0 - left) * (0.25 + 0.5 * g * elevation_sine + degree_2);
+            let wanted = 50.0 * (left * elevation_sine + spread);
+            let found = on(500.0, -300.0);
+            assert!((found / wanted - 1.0).abs() < ROUND_OFF, "{height} {elevation_sine}: {found} {wanted}");
+            // North of the tower, in its shadow, what rain sends on is all.
+            let shaded = on(0.0, 130.0);
+            assert!((shaded - 50.0 * spread).abs() < ROUND_OFF * 50.0, "{height}: {shaded} {spread}");
+        }
+        // A phase function that spreads nothing sends on what a clear way would let through.
+        assert!((sent_on(&[1.0; 3], 1.0) - 1.0).abs() < 0.07 && sent_on(&[1.0, 0.77, 0.59], -1.0) < 0.06);
     }
 }

@@ -142,7 +142,11 @@ fn on_the_card(gpu: &Gpu, case: &Case, (rain, set): (&Rain, &StreakSet), world: 
     frame.set(gpu, &FrameUniform::of_camera(&case.camera, 1.0));
     let town = TownGroup::new(gpu, case.town.as_ref());
     let told = gpu.uniform::<Around>("around");
-    gpu.write(&told, &[Around { mean: world.mean_radiance(), sun_open: 1.0, ..Around::default() }]);
+    let deviation = world.spread()[1] as f32;
+    gpu.write(
+        &told,
+        &[Around { mean: world.mean_radiance(), sun_open: 1.0, deviation, ..Around::default() }],
+    );
     let mut group = RainGroup::new(gpu, &tables, &told);
     let mut passes = RainPasses::new(gpu, &frame.layout, &town.layout, &group, &tables);
     let (shot, field) = (case.shot(), case.field());
@@ -297,7 +301,7 @@ fn the_layer_of_streaks_is_the_processors_thin_broad_and_hidden_ones_alike() {
             let made = on_the_card(&gpu, &case, (&rain, set), &world);
             // As streaks_over.wgsl undoes it.
             let unit = 1.0 / (0.3 * world.mean_radiance().iter().sum::<f32>());
-            let broad = made.streaks.iter().filter(|streak| streak.kind == 0).count();
+            let broad = made.streaks.iter().filter(|streak| streak.kind & 0xFFFF == 0).count();
             let (mut miss, mut whole, mut cover_miss, mut cover) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
             for ((found, wanted), mask) in made.layer.iter().zip(&wanted.pixels).zip(&mask) {
                 let shown = 1.0 - libm::expf(-found[3] / 2048.0);

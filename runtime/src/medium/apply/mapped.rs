@@ -84,17 +84,26 @@ fn between([a, b, c, d]: [f32; 4], [u, v]: [f32; 2]) -> f32 {
 }
 
 impl<V: RainPath> BandMedium<'_, V> {
+    /// The rain without what covers it: pixels that see something dry are asked for one by one.
+    fn open_rain(&self) -> &dyn RainPath {
+        self.volume.without_covers().unwrap_or(self.volume)
+    }
+
     fn mapped_node(&self, x: f64, y: f64) -> Node {
         let (ray, secant) =
             (self.camera.ray_with(&self.camera.secants(), x, y), self.camera.secants().at(x, y));
         let end = f64::from(self.farthest);
         let share_drawn = |planar: f64| {
             let even = self.medium.drawn_in_even_rain(planar) * secant;
-            if even > 0.0 { self.medium.drawn_in(self.volume, &ray, planar, secant) / even } else { 1.0 }
+            if even > 0.0 {
+                self.medium.drawn_in(&self.open_rain(), &ray, planar, secant) / even
+            } else {
+                1.0
+            }
         };
         let shells_end = f64::from(self.shells_end);
         let [near, whole] = [0.5 * shells_end, shells_end].map(share_drawn);
-        let depth = f64::from(self.extinction) * self.volume.path(&ray, 0.0, end)
+        let depth = f64::from(self.extinction) * self.open_rain().path(&ray, 0.0, end)
             - whole * secant * f64::from(self.shells_hold);
         let depth = depth.max(0.0) as f32;
         let is_even = (near - whole).abs() <= f64::from(EVEN_DRAWN);
@@ -111,16 +120,18 @@ impl<V: RainPath> BandMedium<'_, V> {
     ) -> f32 {
         // Holes of the depth buffer are filled elsewhere.
         if range.is_nan() || range <= 0.0 {
-            return self.one_optical_depth([x, y], range, secant);
+            return self.one_optical_depth([x, y], (range, secant), false);
         }
         if range >= self.farthest {
             return mapped
                 .to_the_end(x, row)
-                .unwrap_or_else(|| self.one_optical_depth([x, y], range, secant));
+                .unwrap_or_else(|| self.one_optical_depth([x, y], (range, secant), false));
         }
-        let Some(drawn) = mapped.drawn(x, row) else { return self.one_optical_depth([x, y], range, secant) };
+        let Some(drawn) = mapped.drawn(x, row) else {
+            return self.one_optical_depth([x, y], (range, secant), false);
+        };
         let even = self.medium.drawn_in_even_rain(f64::from(range / secant)) as f32 * secant;
-        let path = self.volume.path(&self.ray(x, y), 0.0, f64::from(range)) as f32;
+        let path = self.open_rain().path(&self.ray(x, y), 0.0, f64::from(range)) as f32;
         (self.extinction * path - drawn * even).max(0.0)
     }
 }

@@ -90,3 +90,36 @@ fn rain_that_ends_before_a_lamp_or_begins_beyond_it_dims_its_halo() {
     assert!(found[0] > 0.0 && found.windows(2).all(|pair| pair[0] < pair[1] * 1.0001), "{found:?}");
     assert!(found[0] < 0.2 * found[4] && found[3] > 0.99 * found[4], "{found:?}");
 }
+
+#[test]
+fn a_tower_before_a_lamp_darkens_the_rain_behind_it_and_none_before_it() {
+    /// Texels of a lamp's map are 3° wide, and the shadow's edge is sought by halves.
+    const EDGE: f64 = 0.05;
+    let town = crate::shade::town::tests::small_town();
+    let medium = Medium::geometric(MillimetresPerHour(60.0));
+    let (field, tables) = (RainField::from(RainVolume::default()), Spreading::of(None, medium.phase()));
+    let lamp = DVec3::from_array(town.lamps()[0].position.map(f64::from));
+    let radiance = |walls: bool, eye: DVec3, towards: DVec3, end: f64| {
+        let mut halos = Halos::new(&tables, &medium, &field).with_walls(walls.then_some(&town));
+        halos.add_lamps(town.lamps(), eye);
+        f64::from(halos.radiance(&Ray { origin: eye, direction: towards }, end, [0.0; 3])[0])
+    };
+    // The tower stands over x from −10 to 10 and y from 100 to 120; the lamp at y = 30. Along x before it nothing changes.
+    let before = DVec3::new(-60.0, 60.0, 5.0);
+    let whole = radiance(false, before, DVec3::X, 120.0);
+    assert!(whole > 0.0 && (radiance(true, before, DVec3::X, 120.0) / whole - 1.0).abs() < 1e-6);
+    // Behind it a ray within the shadow has nothing.
+    let behind = DVec3::new(-8.0, 160.0, 5.0);
+    assert!(radiance(true, behind, DVec3::X, 16.0) == 0.0 && radiance(false, behind, DVec3::X, 16.0) > 0.0);
+    // A long ray loses what lies between the shadow's edges: lines from the lamp past the tower's front corners.
+    let start = DVec3::new(-100.0, 160.0, 5.0);
+    let edge = |x: f64, y: f64| lamp.x + (x - lamp.x) * (160.0 - lamp.y) / (y - lamp.y) - start.x;
+    let [left, right] = [edge(-10.0, 100.0), edge(10.0, 120.0).max(edge(10.0, 100.0))];
+    let once = |end: f64| {
+        let beside = PointBeside::new(lamp, start, DVec3::X, end, LAMP_RADIUS_M);
+        tables.once.of_point(medium.extinction().0, &beside)[0]
+    };
+    let open = (once(left) + once(200.0) - once(right)) / once(200.0);
+    let found = radiance(true, start, DVec3::X, 200.0) / radiance(false, start, DVec3::X, 200.0);
+    assert!((found - open).abs() < EDGE, "{found} {open}");
+}

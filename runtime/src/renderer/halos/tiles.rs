@@ -42,7 +42,7 @@ pub(super) fn draw(halos: &Halos<'_>, camera: &Camera, metres: &[f32], picture: 
 /// Where a light stands in the picture, from one end to the other, px; far outside where it stands behind the camera.
 fn place(shape: &Shape, camera: &Camera) -> [Vec2; 2] {
     let ends = match *shape {
-        Shape::Lamp(place) | Shape::Ball(place, _) => [place; 2],
+        Shape::Lamp(place, _) | Shape::Ball(place, _) => [place; 2],
         Shape::Line(ends) => ends,
     };
     let places = ends.map(|end| camera.project(end).map(|place| place.pixel.as_vec2()));

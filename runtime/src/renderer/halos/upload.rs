@@ -21,7 +21,7 @@ impl Halos<'_> {
     pub(crate) fn list(&self) -> Vec<HaloLight> {
         let each = self.lights.iter().map(|halo| {
             let (ends, radius, shape) = match halo.shape {
-                Shape::Lamp(place) => ([place; 2], LAMP_RADIUS_M, LAMP),
+                Shape::Lamp(place, _) => ([place; 2], LAMP_RADIUS_M, LAMP),
                 Shape::Line(ends) => (ends, 0.5 * ends[0].distance(ends[1]), LINE),
                 Shape::Ball(place, radius) => ([place; 2], radius, BALL),
             };

@@ -242,6 +242,11 @@ impl Boxes {
         false
     }
 
+    /// Height of the highest roof of all, m; `None` where there is no box.
+    pub fn top(&self) -> Option<f32> {
+        self.nodes.first().map(|node| node.high.z)
+    }
+
     /// Height of the highest roof over a spot, m; `None` where no box stands.
     pub fn roof(&self, spot: Vec2) -> Option<f32> {
         let above = self.meet(spot.extend(2e4), Vec3::NEG_Z, f32::MAX)?;

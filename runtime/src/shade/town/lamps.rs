@@ -90,6 +90,11 @@ impl Town {
         self.traced()[number].share(hit.point - Vec3::from_array(self.lamps[number].position), block)
     }
 
+    /// Share of lamp `number` that reaches a place in the air, past boxes and hills.
+    pub(crate) fn lamp_reaches(&self, number: usize, place: Vec3) -> f32 {
+        self.traced()[number].share(place - Vec3::from_array(self.lamps[number].position), NO_BLOCK)
+    }
+
     /// Irradiance of the street lamps on a spot that has `so_far` from other lights, W/m²: each dimmed by the rain on its own way,
     /// shadowed, and left out where it can't add a ten-thousandth.
     pub(super) fn lamp_irradiance(&self, hit: &Hit, lighting: &Lighting, so_far: [f32; 3]) -> [f32; 3] {

@@ -246,9 +246,10 @@ impl Town {
         shadowed(&mut sum, lighting.points);
         if let Some(sun) = &lighting.sun {
             let cosine = hit.normal.dot(sun.towards);
-            if cosine > 0.0 && self.sees(start, sun.towards) {
-                add(&mut sum, cosine, sun.irradiance);
-            }
+            let [left, sent_on] = lighting.rain.of_beam(start, sun.towards, cosine);
+            let direct = left * cosine.max(0.0);
+            let is_lit = direct > 0.0 && self.sees(start, sun.towards);
+            add(&mut sum, if is_lit { direct + sent_on } else { sent_on }, sun.irradiance);
         }
         let lamps = self.lamp_irradiance(hit, lighting, sum);
         add(&mut sum, 1.0, lamps);
@@ -431,7 +432,8 @@ impl Town {
             let slope = (slope * slope + disc * disc).sqrt();
             let share = mirror.points * rippled_highlight(hit.normal, sun.towards, to_viewer, slope);
             if share > 0.0 && self.sees(start, sun.towards) {
-                add(&mut sum.base, share, sun.irradiance);
+                let [left, _] = lighting.rain.of_beam(start, sun.towards, 0.0);
+                add(&mut sum.base, share * left, sun.irradiance);
             }
         }
         sum.add(-1.0, facets);

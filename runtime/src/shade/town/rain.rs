@@ -12,6 +12,9 @@ pub trait RainBetween: Sync {
     }
     /// The same along a ray that ends after `metres`, which may be infinite, and the radiance that rain adds on it, W/(m² sr).
     fn along(&self, from: Vec3, direction: Vec3, metres: f32) -> (f32, [f32; 3]);
+    /// Of a distant light in unit direction `towards`: the share that gets to `from`, and the irradiance, for 1 W/m² across its beam,
+    /// that rain sends on to a surface whose normal's angle to that direction has the given cosine.
+    fn of_beam(&self, from: Vec3, towards: Vec3, cosine: f32) -> [f32; 2];
 }
 
 /// Dry weather.
@@ -24,5 +27,9 @@ impl RainBetween for NoRain {
 
     fn along(&self, _: Vec3, _: Vec3, _: f32) -> (f32, [f32; 3]) {
         (1.0, [0.0; 3])
+    }
+
+    fn of_beam(&self, _: Vec3, _: Vec3, _: f32) -> [f32; 2] {
+        [1.0, 0.0]
     }
 }

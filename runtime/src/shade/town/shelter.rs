@@ -16,6 +16,16 @@ impl Shelter for Town {
         !self.boxes.is_covered(place, back)
             && self.hills.as_ref().is_none_or(|hills| hills.meet(place, back, f32::MAX).is_none())
     }
+
+    /// Of blocks and masts; what hills keep dry in a slanting rain counts as rained on.
+    fn lid(&self, place: DVec3, velocity: DVec3, _: [f64; 2]) -> f64 {
+        let Some(top) = self.boxes.top() else { return f64::NEG_INFINITY };
+        // Falls from above everything.
+        let start = place + velocity * ((f64::from(top) + 1.0 - place.z) / velocity.z);
+        let way = velocity.normalize().as_vec3();
+        let met = self.boxes.meet(start.as_vec3(), way, f32::MAX);
+        met.map_or(f64::NEG_INFINITY, |hit| start.z + f64::from(hit.distance * way.z))
+    }
 }
 
 #[cfg(test)]

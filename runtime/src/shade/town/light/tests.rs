@@ -158,6 +158,10 @@ impl RainBetween for Even {
         let left = libm::expf(-self.per_metre * metres);
         (left, [self.radiance * (1.0 - left); 3])
     }
+
+    fn of_beam(&self, from: Vec3, towards: Vec3, _: f32) -> [f32; 2] {
+        [self.along(from, towards, f32::INFINITY).0, 0.0]
+    }
 }
 
 #[test]
