@@ -9,6 +9,7 @@ mod compression;
 mod density;
 mod end_to_end;
 mod frame;
+mod gathers;
 mod lightning;
 mod peers;
 pub mod picture_kernel;
@@ -27,11 +28,12 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
 /// Charts by their ids, in the order of the page, each with the question that it answers.
-pub const CHARTS: [(&str, &str); 9] = [
+pub const CHARTS: [(&str, &str); 10] = [
     ("streaks", "How many cosines does a streak need?"),
     ("density", "How large must the table of counts be?"),
     ("transport", "How finely must light be solved for?"),
     ("lightning-grid", "How many virtual lights does a stroke need?"),
+    ("gathers", "What do sweeps at run time bring?"),
     ("compression", "How many bytes does a response need?"),
     ("end-to-end", "Where does baking start to pay?"),
     ("frame", "What does a frame cost, and for which part?"),
@@ -181,6 +183,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Row>, Bake
             "density" => (density::sweep(task, progress)?, density::PAIRS),
             "transport" => (transport::sweep(task, progress)?, transport::PAIRS),
             "lightning-grid" => (lightning::sweep(task, progress)?, lightning::PAIRS),
+            "gathers" => (gathers::sweep(task, progress)?, gathers::PAIRS),
             "compression" => (compression::sweep(task, progress)?, compression::PAIRS),
             "end-to-end" => (end_to_end::sweep(task, progress)?, end_to_end::PAIRS),
             "frame" => (frame::sweep(task, progress)?, frame::PAIRS),

@@ -77,8 +77,33 @@ pub struct RelitReport {
     pub error_bound: f64,
     /// Sweeps and residual of the live solve, and its seconds.
     pub live: Option<LiveReport>,
+    /// How gathers went, if there were any.
+    pub gathered: Option<GatheredReport>,
     /// Whether direct light was followed for every ray of the picture.
     pub exact_direct: bool,
+}
+
+/// How gathers over all light went: [`squall_runtime::clouds::GatherReport`].
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct GatheredReport {
+    /// Sweeps whose light was taken.
+    pub sweeps: u32,
+    /// Residual that the last of them found, above that of the light now.
+    pub residual: f64,
+    /// Whether sweeps stopped because the light came no closer.
+    pub stopped: bool,
+}
+
+impl std::fmt::Display for GatheredReport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} gathers, the last of which found a residual of {:.3} %",
+            self.sweeps,
+            100.0 * self.residual
+        )?;
+        if self.stopped { f.write_str("; light came no closer with more") } else { Ok(()) }
+    }
 }
 
 /// How the lamps outside were solved for.
@@ -173,6 +198,11 @@ pub fn relight(
         relight_ms: rows.milliseconds,
         error_bound: rows.error_bound,
         live,
+        gathered: light.gather_report().map(|report| GatheredReport {
+            sweeps: report.sweeps,
+            residual: report.residual,
+            stopped: report.stopped,
+        }),
         exact_direct: exact,
     };
     Ok((fields, report))

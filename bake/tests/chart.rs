@@ -21,11 +21,12 @@ const COLUMNS: [&str; 14] = [
     "chosen",
     "baseline",
 ];
-const IDS: [&str; 9] = [
+const IDS: [&str; 10] = [
     "streaks",
     "density",
     "transport",
     "lightning-grid",
+    "gathers",
     "compression",
     "end-to-end",
     "frame",

@@ -232,6 +232,7 @@ fn render_and_relight_answer_what_was_drawn() {
         ("frames", Number),
         ("lights", Maybe(&Number)),
         ("lights_live", Maybe(&Number)),
+        ("gather_residual", Maybe(&Number)),
         ("sources", Maybe(&Number)),
         ("streaks", Maybe(&Number)),
         ("kept", Number),
@@ -270,6 +271,7 @@ fn render_and_relight_answer_what_was_drawn() {
         ("relight_ms", Number),
         ("error_bound", Number),
         ("live", Maybe(&Object)),
+        ("gathered", Maybe(&Object)),
         ("exact_direct", Bool),
     ];
     let lit = answer(&place, 0, &[&relight[..], &["--json"]].concat());

@@ -14,6 +14,7 @@
 
 #[cfg(feature = "gpu")]
 pub(crate) mod card;
+mod gather;
 mod half;
 mod kept;
 mod light;
@@ -21,11 +22,15 @@ mod sky;
 #[cfg(feature = "live")]
 mod solve;
 
+pub use gather::LightQuality;
 pub use half::f16_bits;
 #[cfg(feature = "gpu")]
 pub(crate) use half::f16_value;
+pub(crate) use light::DirectExtent;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
+#[cfg(feature = "live")]
+pub use squall_transport::gather::GatherReport;
 
 use crate::error::RuntimeError;
 use crate::frame::Flash;
@@ -35,7 +40,7 @@ use crate::single_scatter::{DirectRays, DirectSettings};
 use crate::stroke::Strokes;
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
-use kept::Kept;
+use kept::{Kept, MadeFor};
 use squall_formats::section::response::DirectTerm;
 use std::sync::Arc;
 
@@ -58,8 +63,11 @@ pub struct Clouds {
     buffers: RelightBuffers,
     kept: Kept,
     rays: DirectRays,
+    quality: LightQuality,
     #[cfg(feature = "live")]
     solver: Option<crate::live::LiveSolver>,
+    #[cfg(feature = "live")]
+    gatherer: Option<gather::Gatherer>,
 }
 
 /// What one call's light came from.
@@ -69,6 +77,15 @@ pub(crate) struct LightReport {
     pub sources: usize,
     pub live: usize,
     pub kept: usize,
+    /// Largest residual that the last gather of a stroke's found.
+    pub residual: Option<f64>,
+}
+
+impl LightReport {
+    /// Takes in how far a stroke's light came.
+    fn take_residual(&mut self, residual: Option<f64>) {
+        self.residual = self.residual.into_iter().chain(residual).reduce(f64::max);
+    }
 }
 
 impl Clouds {
@@ -86,8 +103,11 @@ impl Clouds {
             buffers: RelightBuffers::default(),
             kept: Kept::default(),
             rays: DirectRays::STILL,
+            quality: LightQuality::PLAIN,
             #[cfg(feature = "live")]
             solver: None,
+            #[cfg(feature = "live")]
+            gatherer: None,
         })
     }
 
@@ -176,14 +196,30 @@ impl Clouds {
             direct: if in_rows { outside.clone() } else { lights.to_vec() },
             live: Vec::new(),
             live_report: None,
+            #[cfg(feature = "live")]
+            gathered: None,
             lights: lights.len(),
             lights_outside: outside.len(),
             sources,
         };
-        if !outside.is_empty() {
-            self.solve_outside(&outside, watch, &mut light)?;
-        }
+        self.finish((&inside, &outside), watch, &mut light)?;
         Ok(light)
+    }
+
+    #[cfg(not(feature = "live"))]
+    fn finish(
+        &self,
+        (_, outside): (&[PointLight], &[PointLight]),
+        watch: &mut dyn FnMut(f64) -> bool,
+        light: &mut CloudLight,
+    ) -> Result<(), RuntimeError> {
+        self.solve_outside(outside, watch, light)
+    }
+
+    /// Whether rows alone are not what light is made of.
+    #[cfg(all(feature = "gpu", not(feature = "live")))]
+    fn gathers(&self) -> bool {
+        false
     }
 
     #[cfg(not(feature = "live"))]
@@ -224,8 +260,9 @@ impl Clouds {
 
     /// In-scattered radiance J of `flashes` towards `viewer` per cell, direct light included, W/(m² sr) in red, green and blue,
     /// and the cell's extinction, 1/m, behind it, into `out`: what a renderer that marches the cloud itself needs (radiance
-    /// along a ray is ∫ albedo · extinction · J · transmittance). Never negative; 0 in cells that no viewer of the asset's
-    /// view region can see; direct light is left out of cells farther than one from any cloud, which no lookup between centres reads.
+    /// along a ray is ∫ albedo · extinction · J · transmittance). Never negative. Every cell has its direct light, air too; in cells
+    /// whose scattered light the asset left out, because no viewer of its view region shades with them
+    /// ([`Relighter::known_cells`]), it is alone.
     ///
     /// Errors: as [`Clouds::light`]; a viewer outside the asset's view region; a stroke that the asset lacks; `out` is not one
     /// grid long.
@@ -237,11 +274,9 @@ impl Clouds {
     ) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
         let mut light = vec![Vec3::ZERO; out.len()];
-        self.add_flashes(flashes, viewer.into(), &mut light)?;
-        let known = self.relighter.known_cells();
-        for (cell, value) in out.iter_mut().enumerate() {
-            let seen = if known[cell] { light[cell] } else { Vec3::ZERO };
-            *value = seen.extend(self.cloud().extinction[cell]).to_array();
+        self.add_flashes(flashes, (viewer.into(), DirectExtent::Everywhere), &mut light)?;
+        for ((value, light), &extinction) in out.iter_mut().zip(light).zip(&self.cloud().extinction) {
+            *value = light.extend(extinction).to_array();
         }
         Ok(())
     }
@@ -295,11 +330,12 @@ impl Clouds {
     pub(crate) fn add_flashes(
         &mut self,
         flashes: &[Flash],
-        viewer: Viewer,
+        (viewer, extent): (Viewer, DirectExtent),
         light: &mut [Vec3],
     ) -> Result<LightReport, RuntimeError> {
         viewer.check(&self.relighter)?;
         let mut report = LightReport::default();
+        let made_for = MadeFor { viewer, rays: self.rays, extent };
         let mut sum = vec![0.0f32; light.len()];
         let resolved: Vec<_> = self.strokes.find(flashes)?.into_iter().zip(flashes).collect();
         for (stroke, flash) in &resolved {
@@ -309,7 +345,7 @@ impl Clouds {
         for group in resolved.chunk_by(|(a, x), (b, y)| x.color_of(a) == y.color_of(b)) {
             sum.fill(0.0);
             for (stroke, flash) in group.iter().filter(|(_, flash)| flash.brightness > 0.0) {
-                let entry = self.stroke_light(stroke, viewer, &mut report)?;
+                let entry = self.stroke_light(stroke, made_for, &mut report)?;
                 let brightness = flash.brightness as f32;
                 sum.iter_mut().zip(entry).for_each(|(sum, j)| *sum += brightness * j);
             }
@@ -319,15 +355,15 @@ impl Clouds {
         Ok(report)
     }
 
-    /// J of a stroke of brightness 1 towards `viewer`, direct light included, from memory where it is the last frames'.
+    /// J of a stroke of brightness 1 towards a viewer, direct light included, from memory where it is the last frames'.
     fn stroke_light(
         &mut self,
         stroke: &Arc<crate::stroke::Stroke>,
-        viewer: Viewer,
+        made_for: MadeFor,
         report: &mut LightReport,
     ) -> Result<&[f32], RuntimeError> {
-        let rays = self.rays;
-        let at = match self.kept.find(stroke, viewer, rays) {
+        let MadeFor { viewer, rays, extent } = made_for;
+        let at = match self.kept.find(stroke, made_for) {
             Some(at) => {
                 report.kept += 1;
                 at
@@ -338,20 +374,22 @@ impl Clouds {
                 let light = self.light(&stroke.lights(0.0))?;
                 let mut j = vec![0.0; self.cloud().shape.len()];
                 let settings = DirectSettings { rays, ..DirectSettings::default() };
-                light.towards(viewer, settings, &mut j);
+                light.towards(viewer, (settings, extent), &mut j);
                 let own = LightReport {
                     lights: light.lights,
                     sources: light.sources,
                     live: light.lights_outside,
                     kept: 0,
+                    residual: light.residual(),
                 };
-                self.kept.insert(stroke.clone(), viewer, rays, (j, own))
+                self.kept.insert(stroke.clone(), made_for, (j, own))
             }
         };
         let (j, own) = self.kept.at(at);
         report.lights += own.lights;
         report.sources += own.sources;
         report.live += own.live;
+        report.take_residual(own.residual);
         Ok(j)
     }
 }

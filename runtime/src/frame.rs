@@ -9,6 +9,7 @@ pub use flash::{Flash, FlashStroke};
 pub use thunder::{SPEED_OF_SOUND, Thunder};
 
 use crate::camera::{Camera, Projection};
+use crate::clouds::LightQuality;
 use crate::error::RuntimeError;
 use crate::medium::MediumChoice;
 use crate::rain::{Ceiling, CoverMap, RainPlace, RainVolume, Region, Weather};
@@ -103,18 +104,25 @@ pub struct FrameQuality {
     pub town: Quality,
     /// Rays of each stroke's direct light.
     pub rays: DirectRays,
+    /// How closely the light of each stroke is worked out.
+    pub light: LightQuality,
     /// How closely sky and cloud are looked at, behind the town and in its mirrors.
     pub sky: Spacing,
 }
 
 impl FrameQuality {
     /// A still picture's.
-    pub const STILL: Self =
-        Self { town: Quality::STILL, rays: DirectRays::STILL, sky: Spacing { pixels: 2, tolerance: 0.02 } };
+    pub const STILL: Self = Self {
+        town: Quality::STILL,
+        rays: DirectRays::STILL,
+        light: LightQuality::PLAIN,
+        sky: Spacing { pixels: 2, tolerance: 0.02 },
+    };
     /// A preview's: one sample a pixel, mirrors at half size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
     pub const PREVIEW: Self = Self {
         town: Quality::PREVIEW,
         rays: DirectRays::PREVIEW,
+        light: LightQuality::PLAIN,
         sky: Spacing { pixels: 4, tolerance: 0.1 },
     };
 }
@@ -248,6 +256,7 @@ impl Frame {
     pub fn check(&self) -> Result<(), RuntimeError> {
         self.camera.check()?;
         self.medium.check()?;
+        self.quality.light.check()?;
         for flash in &self.flashes {
             flash.check()?;
         }

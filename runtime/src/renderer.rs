@@ -160,6 +160,9 @@ pub struct FrameReport {
     pub sources: usize,
     /// Points that no row answers for, whose light was solved for on the spot.
     pub lights_live: usize,
+    /// Largest residual that the last gather of a stroke's light found ([`crate::clouds::LightQuality::gathers`]); above that of the
+    /// light now. Nothing without gathers.
+    pub gather_residual: Option<f64>,
     /// Flashing strokes whose light was kept from an earlier frame.
     pub strokes_kept: usize,
     /// Rain streaks found.

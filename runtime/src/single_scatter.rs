@@ -6,10 +6,14 @@
 //! values at cell centres.
 
 mod budget;
+#[cfg(feature = "live")]
+mod moments;
 #[cfg(feature = "gpu")]
 mod shares;
 
 pub use budget::DirectRays;
+#[cfg(feature = "live")]
+pub(crate) use moments::direct_moments;
 #[cfg(feature = "gpu")]
 pub(crate) use shares::beam_shares;
 

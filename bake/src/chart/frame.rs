@@ -7,6 +7,7 @@ use crate::asset::in_memory;
 use crate::error::BakeError;
 use crate::pipeline::bake;
 use crate::progress::{Progress, Quiet};
+use squall_runtime::clouds::LightQuality;
 use squall_runtime::frame::{Frame, FrameQuality, camera_of};
 use squall_runtime::renderer::FrameTimes;
 use squall_runtime::shade::adaptive::Spacing;
@@ -92,6 +93,7 @@ const fn finest(samples: u32) -> Quality {
 const FINEST: FrameQuality = FrameQuality {
     town: finest(5),
     rays: DirectRays::PerPoint(4096),
+    light: LightQuality::PLAIN,
     sky: Spacing { pixels: 1, tolerance: 0.0 },
 };
 

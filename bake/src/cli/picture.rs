@@ -74,6 +74,9 @@ impl PictureFile {
         if lights_live > 0 {
             light += &format!(" ({lights_live} solved for on the spot)");
         }
+        if let Some(residual) = report.gather_residual {
+            light += &format!(", gathered to a residual of {:.2} %", 100.0 * residual);
+        }
         let sky = sky_words(report).map_or_else(String::new, |words| format!(", {words}"));
         format!("{}: {width} × {height}, {light}{sky}, {streaks} streaks, {seconds:.2} s", self.name())
     }

@@ -5,6 +5,7 @@ use super::camera::CameraArgs;
 use super::common::Common;
 use super::folder::{OutputFolder, check_apart};
 use super::json as answer;
+use super::light_quality::LightArgs;
 use super::picture::{Format, PictureFile};
 use serde_json::json;
 use squall_bake::BakeError;
@@ -46,6 +47,8 @@ pub struct Args {
     /// Where light straight from the lamps is taken from; left out, from the rows where they hold it, else from the lamps.
     #[arg(long, value_enum)]
     direct: Option<Direct>,
+    #[command(flatten)]
+    light: LightArgs,
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
@@ -75,6 +78,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let out = PictureFile::prepare(&args.out, args.format)?;
     let asset = asset::open(&args.asset)?;
     let mut clouds = Clouds::new(&asset)?;
+    clouds.set_quality(args.light.quality())?;
     let lamps = read_lights(&args.lamps)?;
     let (name, camera) = args.camera.read(&asset)?;
     check_apart(&[&args.out], [&args.asset, &args.lamps].into_iter().chain(args.camera.files()))?;
@@ -98,6 +102,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     bars.check()?;
     if let Some(note) = note_live(&report, &clouds) {
         bars.say(&note);
+    }
+    if let Some(gathered) = &report.gathered {
+        bars.say(&gathered.to_string());
     }
     let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);

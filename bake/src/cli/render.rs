@@ -10,6 +10,7 @@ use super::asset;
 use super::common::Common;
 use super::folder;
 use super::json;
+use super::light_quality::LightArgs;
 use super::picture::{Format, PictureFile, Sheet, sky_words};
 use super::progress::Bars;
 use super::sky::SkyArgs;
@@ -71,6 +72,8 @@ pub struct Args {
     /// How finely it is worked out.
     #[arg(long, value_enum, default_value_t = Quality::Still)]
     quality: Quality,
+    #[command(flatten)]
+    light: LightArgs,
     /// Samples along each side of a pixel of the town, in place of the quality's: 2 of a still picture, 1 of a preview.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: Option<u32>,
@@ -185,6 +188,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         frame.camera = camera.resized(view.camera.size_px)?;
     }
     frame.quality = args.quality.into();
+    frame.quality.light = args.light.quality();
     if let Some(samples) = args.samples {
         frame.quality.town.samples = samples;
     }
@@ -304,6 +308,7 @@ fn draw_frames(
         "kept": made.kept,
         "lights": null,
         "lights_live": null,
+        "gather_residual": null,
         "sources": null,
         "streaks": made.streaks,
         "sky": made.sky,
@@ -332,6 +337,7 @@ fn answer(
         "frames": frames,
         "lights": count(|report| report.lights),
         "lights_live": count(|report| report.lights_live),
+        "gather_residual": report.and_then(|report| report.gather_residual),
         "sources": count(|report| report.sources),
         "streaks": count(|report| report.streaks),
         "kept": 0,

@@ -181,7 +181,6 @@ impl CloudsFile {
         self.check_basis(&settings, &keys, source)?;
         // A recipe that says what is good enough, or from where it is looked at, has no use for what nobody can reach.
         if budget.needs_held_out() || settings.view_region.is_some() {
-            settings.seen_only = self.response.seen_only.unwrap_or(true);
             let boxed = lights.low_m.is_some() || lights.high_m.is_some();
             lights.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
         }
@@ -320,8 +319,9 @@ impl CloudsFile {
                 [0.0, 0.9],
                 "of a source's light",
             )?,
-            // Set where budget and view region are known.
-            seen_only: response.seen_only.unwrap_or(false),
+            // Air costs next to nothing, but in the papers' own layout, which has every cell.
+            seen_only: response.seen_only.unwrap_or(!matches!(response.codec, Some(CodecName::Paper))),
+            // Set where it is known.
             view_region: None,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,

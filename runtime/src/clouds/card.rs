@@ -51,7 +51,7 @@ impl Clouds {
     ///
     /// Errors: as [`Clouds::light`].
     pub(crate) fn parts_of(&mut self, lights: &[PointLight], viewer: Viewer) -> Result<Parts, RuntimeError> {
-        let inside = lights.iter().all(|light| self.relighter.reaches(light.position));
+        let inside = !self.gathers() && lights.iter().all(|light| self.relighter.reaches(light.position));
         if !inside {
             let light = self.light(lights)?;
             let report = LightReport {
@@ -59,12 +59,14 @@ impl Clouds {
                 sources: light.sources(),
                 live: light.lights_outside(),
                 kept: 0,
+                residual: light.residual(),
             };
             let scattered = Scattered::Values(self.values_towards(&light.in_scattered(), viewer));
             return Ok(Parts { scattered, direct: light.direct, report });
         }
         let weights = self.relighter.weigh(lights, &mut self.buffers)?.to_vec();
-        let report = LightReport { lights: lights.len(), sources: weights.len(), live: 0, kept: 0 };
+        let report =
+            LightReport { lights: lights.len(), sources: weights.len(), live: 0, kept: 0, residual: None };
         let in_rows = self.relighter.direct() == DirectTerm::InRows;
         let direct = if in_rows { Vec::new() } else { lights.to_vec() };
         Ok(Parts { scattered: Scattered::Rows(weights), direct, report })

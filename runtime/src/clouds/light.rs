@@ -4,7 +4,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::in_scattered::InScattered;
 use crate::relight::{PointLight, Relighter, Relit};
-use crate::single_scatter::{DirectRays, DirectSettings, add_direct_fluence, add_direct_near};
+use crate::single_scatter::{DirectRays, DirectSettings, add_direct, add_direct_fluence, add_direct_near};
 use crate::transport::Cloud;
 use glam::DVec3;
 use squall_formats::section::response::DirectionalBasis;
@@ -68,6 +68,15 @@ impl Viewer {
     }
 }
 
+/// Where direct light is worked out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DirectExtent {
+    /// In every cell, air too: light as data.
+    Everywhere,
+    /// In cloud and one cell around it: all that a march through the cloud reads.
+    NearCloud,
+}
+
 /// How a live solve went.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiveReport {
@@ -88,13 +97,15 @@ pub struct CloudLight {
     /// J's 16 harmonic coefficients per cell of live light; empty where nothing was solved for.
     pub(super) live: Vec<f32>,
     pub(super) live_report: Option<LiveReport>,
+    #[cfg(feature = "live")]
+    pub(super) gathered: Option<super::GatherReport>,
     pub(super) lights: usize,
     pub(super) lights_outside: usize,
     pub(super) sources: usize,
 }
 
 impl CloudLight {
-    /// The light as the rows hold it.
+    /// The light as the rows hold it; nothing where it went into gathers ([`super::LightQuality::gathers`]).
     pub fn relit(&self) -> Relit<'_> {
         Relit {
             basis: self.basis,
@@ -129,14 +140,21 @@ impl CloudLight {
         self.live_report
     }
 
-    /// In-scattered radiance J towards `viewer` per cell, direct light included, W/(m² sr), into `out`; never negative.
+    /// How gathers went, if there were any. The light of rows and live solves is one then.
+    #[cfg(feature = "live")]
+    pub fn gather_report(&self) -> Option<super::GatherReport> {
+        self.gathered
+    }
+
+    /// In-scattered radiance J towards `viewer` per cell, direct light included, W/(m² sr), into `out`; never negative. Direct light
+    /// alone in cells whose scattered light the asset left out ([`Relighter::known_cells`]).
     ///
     /// Errors: a viewer outside the asset's view region; `out` is not one grid long.
     pub fn radiance(&self, viewer: impl Into<Viewer>, out: &mut [f32]) -> Result<(), RuntimeError> {
         let viewer = viewer.into();
         viewer.check(&self.relighter)?;
         self.check_length(out.len())?;
-        self.towards(viewer, self.settings(), out);
+        self.towards(viewer, (self.settings(), DirectExtent::Everywhere), out);
         out.iter_mut().for_each(|value| *value = value.max(0.0));
         Ok(())
     }
@@ -147,7 +165,7 @@ impl CloudLight {
     /// Errors: an asset baked for a view region, whose rows hold light towards that alone; `out` is not one grid long.
     pub fn fluence(&self, out: &mut [f32]) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
-        check_fluence(self.basis)?;
+        check_fluence(self.relighter.response().head.basis)?;
         let lit = self.in_scattered();
         let relighter = &self.relighter;
         out.fill(0.0);
@@ -172,6 +190,14 @@ impl CloudLight {
         Ok(())
     }
 
+    /// The residual that the last gather found, if there was any.
+    pub(super) fn residual(&self) -> Option<f64> {
+        #[cfg(feature = "live")]
+        return self.gathered.map(|report| report.residual);
+        #[cfg(not(feature = "live"))]
+        None
+    }
+
     fn settings(&self) -> DirectSettings {
         let [fewest, most] = FLUENCE_RAYS_PER_LIGHT;
         let rays_per_point = (FLUENCE_RAYS / self.direct.len().max(1)).clamp(fewest, most) as u32;
@@ -187,13 +213,29 @@ impl CloudLight {
     }
 
     /// J towards a viewer that was checked, as it is: the codec may leave it below zero.
-    pub(super) fn towards(&self, viewer: Viewer, settings: DirectSettings, out: &mut [f32]) {
-        let cloud = self.relighter.cloud();
+    pub(super) fn towards(
+        &self,
+        viewer: Viewer,
+        (settings, extent): (DirectSettings, DirectExtent),
+        out: &mut [f32],
+    ) {
+        let (cloud, scale) = (self.relighter.cloud(), self.relighter.extinction_scale());
         spread_towards(&self.relighter, &self.in_scattered(), viewer, out);
-        if !self.direct.is_empty() {
-            let ways = viewer.ways(cloud);
-            let near = (cloud, self.relighter.extinction_scale(), self.relighter.cloud_distances());
-            add_direct_near(near, &self.direct, &ways, settings, out);
+        if extent == DirectExtent::Everywhere && self.relighter.is_coarse() {
+            // Blocks that nobody sees hold what codes best, which is nobody's light; between blocks it was read too.
+            let known = self.relighter.known_cells();
+            out.iter_mut().zip(known).filter(|(_, known)| !known).for_each(|(value, _)| *value = 0.0);
+        }
+        if self.direct.is_empty() {
+            return;
+        }
+        let ways = viewer.ways(cloud);
+        match extent {
+            DirectExtent::Everywhere => add_direct(cloud, scale, &self.direct, &ways, settings, out),
+            DirectExtent::NearCloud => {
+                let near = (cloud, scale, self.relighter.cloud_distances());
+                add_direct_near(near, &self.direct, &ways, settings, out);
+            }
         }
     }
 

@@ -235,7 +235,9 @@ impl CloudLights {
         let lit = strokes.into_iter().zip(&frame.flashes).filter(|(_, flash)| flash.brightness > 0.0);
         let lit: Vec<_> = lit.collect();
         let mut report = FrameReport::default();
-        self.set_strokes(gpu, clouds, bundles(&lit, frame.quality.rays), (viewer, moved), &mut report)?;
+        clouds.set_quality(frame.quality.light)?;
+        let lit = bundles(&lit, (frame.quality.rays, frame.quality.light));
+        self.set_strokes(gpu, clouds, lit, (viewer, moved), &mut report)?;
         let sky = (sky, place, &frame.sky);
         (report.sun, report.sky_missing) = self.set_sky(gpu, clouds, sky, (viewer, moved))?;
         Ok(report)
@@ -299,6 +301,8 @@ impl CloudLights {
             report.lights += channel.report.lights;
             report.sources += channel.report.sources;
             report.lights_live += channel.report.live;
+            let residuals = report.gather_residual.into_iter().chain(channel.report.residual);
+            report.gather_residual = residuals.reduce(f64::max);
             self.tints.strokes[at] =
                 Vec3::from_array(tint).extend(0.0).to_array().map(|band| band / channel.scale);
         }

@@ -11,6 +11,8 @@ pub mod cloud;
 pub mod direct;
 pub mod error;
 #[cfg(feature = "sweeps")]
+pub mod gather;
+#[cfg(feature = "sweeps")]
 pub mod lanes;
 pub mod light;
 #[cfg(feature = "sweeps")]

@@ -27,9 +27,11 @@ const LIGHTS_PER_PIECE: usize = 8;
 
 /// A cloud prepared for live solving.
 pub struct LiveSolver {
-    fine: Cloud,
-    parent: CoarseIndex,
-    solver: Solver<4>,
+    pub(crate) fine: Cloud,
+    pub(crate) parent: CoarseIndex,
+    pub(crate) solver: Solver<4>,
+    /// Cells of the solve grid whose light is read; all where `None`.
+    pub(crate) read: Option<Vec<bool>>,
 }
 
 /// Direct light of point lights per cell.
@@ -42,7 +44,7 @@ pub struct DirectCells {
     /// J towards each direction asked for, directions innermost, W/(m² sr).
     pub towards: Vec<f32>,
     /// Moments of both together on the solve grid.
-    moments: Vec<[f32; 4]>,
+    pub(crate) moments: Vec<[f32; 4]>,
 }
 
 impl DirectCells {
@@ -99,7 +101,33 @@ impl LiveSolver {
             level: SimdLevel::Best,
         };
         let solver = Solver::new(&fine, settings)?;
-        Ok(Self { parent: CoarseIndex::new(fine.shape, record.refine), fine, solver })
+        Ok(Self { parent: CoarseIndex::new(fine.shape, record.refine), fine, solver, read: None })
+    }
+
+    /// The same where only the cells `wanted` are read, one a cell of the cloud that it was made for: sweeps step over empty cells that
+    /// no light to one of those crosses. Light is the same in wanted cells, and none elsewhere.
+    ///
+    /// Panics when `wanted` is not one grid long.
+    #[must_use]
+    pub fn read_in(self, wanted: &[bool]) -> Self {
+        let read: Vec<bool> = (0..self.fine.shape.len()).map(|cell| wanted[self.parent.of(cell)]).collect();
+        let Self { fine, parent, solver, .. } = self;
+        Self { solver: solver.read_in(&fine, &read), fine, parent, read: Some(read) }
+    }
+
+    /// The grid that is solved on.
+    pub fn solve_grid(&self) -> &Cloud {
+        &self.fine
+    }
+
+    /// Extinction of the delta-scaled medium over extinction.
+    pub fn extinction_scale(&self) -> f64 {
+        self.solver.scaled().extinction_scale
+    }
+
+    /// Share of all cells that a sweep visits, 0 to 1.
+    pub fn share_visited(&self) -> f64 {
+        self.solver.share_visited()
     }
 
     /// Follows the lights' direct light, `samples`² rays through every boundary face of the solve grid, and collects it
@@ -158,24 +186,40 @@ impl LiveSolver {
         direct: &DirectCells,
         watch: &mut dyn FnMut(f64) -> bool,
     ) -> Result<LiveLight, ArgumentError> {
+        self.solve_moments(&direct.moments, watch)
+    }
+
+    /// [`LiveSolver::solve`] of direct light given by its moments ∫ Y_m L dΩ up to degree 1, mean per cell of
+    /// [`LiveSolver::solve_grid`], of light that the delta-scaled medium counts as unscattered, W/m².
+    ///
+    /// Errors: as there. Panics when `direct` is not one grid long.
+    pub fn solve_moments(
+        &self,
+        direct: &[[f32; 4]],
+        watch: &mut dyn FnMut(f64) -> bool,
+    ) -> Result<LiveLight, ArgumentError> {
         let mut moments = Vec::new();
         let mut buffers = SolveBuffers::default();
-        let report =
-            self.solver.solve_watched::<f32>(&direct.moments, &mut moments, &mut buffers, None, watch);
+        let report = self.solver.solve_watched::<f32>(direct, &mut moments, &mut buffers, None, watch);
         let lane = report.lanes[0];
         if !lane.converged {
             let found = format!("{:e} after {} sweeps", lane.residual, report.sweeps);
             return Err(ArgumentError::new("live solve", "the residual that the rows were solved to", found));
         }
+        let coefficients = self.coefficients(&mut moments);
+        Ok(LiveLight { coefficients, residual: lane.residual, sweeps: report.sweeps })
+    }
+
+    /// J's harmonic coefficients, 16 a cell of the cloud, of moments of light in the solve grid's, which are scaled for it.
+    pub(crate) fn coefficients(&self, moments: &mut [[f32; MAX_HARMONICS]]) -> Vec<f32> {
         let g = self.fine.g;
         let powers = [1.0, g, g * g, g * g * g];
         let scale: [f32; MAX_HARMONICS] = std::array::from_fn(|m| powers[degree_of(m)] as f32);
-        for row in &mut moments {
+        for row in &mut *moments {
             for (value, factor) in row.iter_mut().zip(scale) {
                 *value *= factor;
             }
         }
-        let coefficients = self.parent.means(moments.as_flattened(), MAX_HARMONICS);
-        Ok(LiveLight { coefficients, residual: lane.residual, sweeps: report.sweeps })
+        self.parent.means(moments.as_flattened(), MAX_HARMONICS)
     }
 }

@@ -16,6 +16,7 @@
 //! is an equation of its own and stops on its own, so that a light's bytes do not depend on its neighbours in the batch.
 
 mod minres;
+mod one_sweep;
 mod passes;
 
 use crate::cloud::Cloud;
@@ -25,6 +26,7 @@ use crate::phase::DeltaM;
 use crate::quadrature::Quadrature;
 use crate::sweep::{CellCoefficients, Emission, Leak, SweepBuffers, Sweeper};
 use minres::Minres;
+pub use one_sweep::{OneSweep, SweepNorms};
 use passes::{Gather, Residual};
 use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::degree_of;
@@ -238,6 +240,20 @@ impl<const M: usize> Solver<M> {
             flip: std::array::from_fn(|m| (sign(scaled.moments[degree_of(m)]) * parity(degree_of(m))) as f32),
             settings,
         })
+    }
+
+    /// The same solver where only the cells `wanted` are read: [`Sweeper::read_in`]. Cells that neither are read nor lie on the way of
+    /// light to such hold no light; the others hold the same bytes. `cloud` is the one that it was made for.
+    ///
+    /// Panics when `wanted` is not one grid long.
+    #[must_use]
+    pub fn read_in(self, cloud: &Cloud, wanted: &[bool]) -> Self {
+        Self { sweeper: self.sweeper.read_in(cloud, wanted), ..self }
+    }
+
+    /// Share of all cells that a sweep visits, 0 to 1.
+    pub fn share_visited(&self) -> f64 {
+        self.sweeper.share_visited()
     }
 
     /// The delta scaling in use.

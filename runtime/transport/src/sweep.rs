@@ -16,6 +16,8 @@
 
 mod faces;
 mod one;
+mod parts;
+mod span;
 
 use crate::cloud::{Boundary, Cloud};
 use crate::error::ArgumentError;
@@ -25,6 +27,8 @@ pub use faces::{CellCoefficients, Leak};
 use faces::{FaceWeights, Faces};
 use fearless_simd::Simd;
 use one::{Pair, SingleKernel, pairs};
+pub use parts::SweepParts;
+use span::{Spans, octant_of};
 use squall_formats::GridShape;
 use squall_formats::section::response::SweepScheme;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
@@ -68,6 +72,8 @@ pub struct Sweeper {
     weights: FaceWeights,
     face_area: [f64; 3],
     level: SimdLevel,
+    /// What sweeps visit; everything where `None`.
+    spans: Option<Spans>,
 }
 
 /// Buffers of a sweep, kept between calls so that nothing is allocated per sweep.
@@ -140,7 +146,25 @@ impl Sweeper {
             weights: FaceWeights::new(scheme),
             face_area: [hy * hz, hx * hz, hx * hy],
             level,
+            spans: None,
         })
+    }
+
+    /// The same sweeps where only the cells `wanted` are read, one a cell of `cloud`, whose sweeps they are: empty cells that no light on
+    /// its way to one of those crosses are left out and stay dark. In wanted cells the same bytes come out. A grid that repeats, and a
+    /// sweep that tallies what leaves, is swept whole.
+    ///
+    /// Panics when `wanted` is not one grid long.
+    #[must_use]
+    pub fn read_in(mut self, cloud: &Cloud, wanted: &[bool]) -> Self {
+        assert!(wanted.len() == self.shape.len() && cloud.shape == self.shape);
+        self.spans = (self.boundary == Boundary::Open).then(|| Spans::new(cloud, wanted));
+        self
+    }
+
+    /// Share of all cells that a sweep visits, over all directions, 0 to 1.
+    pub fn share_visited(&self) -> f64 {
+        self.spans.as_ref().map_or(1.0, |spans| spans.share(self.shape))
     }
 
     /// Moments of the angular flux that the sources make.
@@ -171,7 +195,8 @@ impl Sweeper {
             return;
         }
         let buffers = &mut buffers.lights;
-        let kernel = SweepKernel { sweeper: self, cells, root_moments, source, result, buffers, leak };
+        let spans = if leak.is_some() { None } else { self.spans.as_ref() };
+        let kernel = SweepKernel { sweeper: self, cells, root_moments, source, result, buffers, leak, spans };
         run(self.level, kernel);
     }
 
@@ -194,6 +219,7 @@ impl Sweeper {
             source,
             result,
             faces,
+            spans: if leak.is_some() { None } else { self.spans.as_ref() },
             leak,
         };
         run(self.level, kernel);
@@ -222,6 +248,7 @@ struct SweepKernel<'a, P, const M: usize, const O: usize> {
     result: &'a mut [[P; O]],
     buffers: &'a mut Faces<P>,
     leak: Option<&'a mut Leak>,
+    spans: Option<&'a Spans>,
 }
 
 /// The constants of one group, gathered for the inner loop.
@@ -235,6 +262,8 @@ struct Plane<'a, P, const M: usize> {
     z: usize,
     /// Where this group's faces across z begin.
     start: usize,
+    /// What has to be visited; everything where `None`.
+    spans: Option<&'a Spans>,
 }
 
 impl<P: Lanes, const M: usize, const O: usize> SimdKernel for SweepKernel<'_, P, M, O> {
@@ -265,6 +294,7 @@ impl<P: Lanes, const M: usize, const O: usize> SimdKernel for SweepKernel<'_, P,
                         group,
                         z,
                         start,
+                        spans: self.spans,
                     };
                     start += nx * ny * width;
                     reset(&mut self.buffers.x, ny * width, dark);
@@ -361,6 +391,7 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
     ) {
         let [nx, ny, _] = self.sweeper.shape.to_array();
         let forward = self.group.forward;
+        let octant = octant_of(forward);
         let FaceWeights { thickness, stiffness, tiny } = self.sweeper.weights;
         let Ok(beams) = <&[Beam; W]>::try_from(&self.group.beams[..]) else { return };
         let (x_faces, _) = buffers.x.as_chunks_mut::<W>();
@@ -369,6 +400,10 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
         let none = P::splat(0.0).load(simd);
         for y_step in 0..ny {
             let y = if forward[1] { y_step } else { ny - 1 - y_step };
+            let [first, end] = match self.spans {
+                None => [0, nx],
+                Some(spans) => spans.stretch(octant, y + ny * self.z),
+            };
             // Loops, not closures: only what is inlined for sure is compiled for the wide registers.
             let mut along_x = [none; W];
             for b in 0..W {
@@ -381,7 +416,7 @@ impl<P: Lanes, const M: usize> Plane<'_, P, M> {
             let result = &mut result[row..row + nx];
             let y_faces = &mut y_faces[..nx];
             let z_faces = &mut z_faces[y * nx..(y + 1) * nx];
-            for x_step in 0..nx {
+            for x_step in first..end.min(nx) {
                 let x = if forward[0] { x_step } else { nx - 1 - x_step };
                 let (y_face, z_face) = (&mut y_faces[x], &mut z_faces[x]);
                 let (mut from, mut sums) = ([none; M], [none; O]);

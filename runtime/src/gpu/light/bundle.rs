@@ -1,6 +1,7 @@
 //! Strokes that flash together, in the channels of a volume.
 
 use super::CHANNELS;
+use crate::clouds::LightQuality;
 use crate::frame::Flash;
 use crate::relight::PointLight;
 use crate::single_scatter::DirectRays;
@@ -13,6 +14,7 @@ use std::sync::Arc;
 pub struct Bundle {
     pub parts: Vec<(Arc<Stroke>, f64)>,
     pub rays: DirectRays,
+    pub quality: LightQuality,
 }
 
 impl Bundle {
@@ -20,7 +22,7 @@ impl Bundle {
         let same = |((a, x), (b, y)): (&(Arc<Stroke>, f64), &(Arc<Stroke>, f64))| {
             x == y && (Arc::ptr_eq(a, b) || a.segments == b.segments)
         };
-        self.rays == other.rays
+        (self.rays, self.quality) == (other.rays, other.quality)
             && self.parts.len() == other.parts.len()
             && self.parts.iter().zip(&other.parts).all(same)
     }
@@ -37,10 +39,13 @@ impl Bundle {
 }
 
 /// Strokes that flash, bundled into channels, each with its colour.
-pub fn bundles(lit: &[(Arc<Stroke>, &Flash)], rays: DirectRays) -> Vec<(Bundle, [f32; 3])> {
+pub fn bundles(
+    lit: &[(Arc<Stroke>, &Flash)],
+    (rays, quality): (DirectRays, LightQuality),
+) -> Vec<(Bundle, [f32; 3])> {
     if lit.len() <= CHANNELS {
         let own = |(stroke, flash): &(Arc<Stroke>, &Flash)| {
-            (Bundle { parts: vec![(stroke.clone(), 1.0)], rays }, flash.scale_of(stroke))
+            (Bundle { parts: vec![(stroke.clone(), 1.0)], rays, quality }, flash.scale_of(stroke))
         };
         return lit.iter().map(own).collect();
     }
@@ -50,7 +55,7 @@ pub fn bundles(lit: &[(Arc<Stroke>, &Flash)], rays: DirectRays) -> Vec<(Bundle, 
         let part = (stroke.clone(), flash.brightness);
         match colours.iter_mut().find(|(known, _)| *known == colour) {
             Some((_, bundle)) => bundle.parts.push(part),
-            None => colours.push((colour, Bundle { parts: vec![part], rays })),
+            None => colours.push((colour, Bundle { parts: vec![part], rays, quality })),
         }
     }
     if colours.len() <= CHANNELS {
@@ -61,7 +66,7 @@ pub fn bundles(lit: &[(Arc<Stroke>, &Flash)], rays: DirectRays) -> Vec<(Bundle, 
             (stroke.clone(), flash.brightness * f64::from(flash.color_of(stroke)[band]))
         };
         let parts = lit.iter().map(part).filter(|(_, factor)| *factor > 0.0).collect();
-        (Bundle { parts, rays }, Vec3::AXES[band].to_array())
+        (Bundle { parts, rays, quality }, Vec3::AXES[band].to_array())
     };
     (0..3).map(band).filter(|(bundle, _)| !bundle.parts.is_empty()).collect()
 }

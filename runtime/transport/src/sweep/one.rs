@@ -4,6 +4,7 @@
 //! other in x go along a row together, from both ends, so that while one waits for its cell the other works.
 
 use super::faces::{CellCoefficients, FaceWeights, Faces, Leak};
+use super::span::{Spans, octant_of};
 use crate::lanes::{Lanes, SimdKernel};
 use crate::quadrature::Ordinate;
 use fearless_simd::Simd;
@@ -48,6 +49,38 @@ impl<D: Lanes> Bundle<D> {
     }
 }
 
+impl<D> Pair<D> {
+    /// Which way the light of both bundles goes.
+    fn octants(&self) -> [usize; 2] {
+        let [up_y, up_z] = self.forward;
+        [octant_of([true, up_y, up_z]), octant_of([false, up_y, up_z])]
+    }
+
+    /// Which of the four ways across x.
+    pub(crate) fn way(&self) -> usize {
+        octant_of([true, self.forward[0], self.forward[1]]) >> 1
+    }
+}
+
+/// Makes dark what `pairs` visit and what is asked for.
+fn clear<D, const O: usize>(spans: &Spans, pairs: &[Pair<D>], nx: usize, result: &mut [[f32; O]]) {
+    let mut ways = [false; 4];
+    pairs.iter().for_each(|pair| ways[pair.way()] = true);
+    for (row, cells) in result.chunks_exact_mut(nx).enumerate() {
+        let [mut first, mut end] = spans.wanted(row);
+        for way in (0..4).filter(|&way| ways[way]) {
+            // Steps are counted from both ends of the row.
+            let [from, to] = spans.both([2 * way, 2 * way + 1], row);
+            if from < to {
+                (first, end) = (first.min(from).min(nx - to), end.max(to).max(nx - from));
+            }
+        }
+        if first < end {
+            cells[first..end].fill([0.0; O]);
+        }
+    }
+}
+
 /// Sorts directions into pairs of bundles of at most `D::COUNT`.
 pub(crate) fn pairs<D: Lanes>(ordinates: &[Ordinate], cell_m: [f64; 3]) -> Vec<Pair<D>> {
     let mut pairs = Vec::new();
@@ -86,6 +119,8 @@ pub(crate) struct SingleKernel<'a, D, const M: usize, const O: usize> {
     pub result: &'a mut [[f32; O]],
     pub faces: &'a mut Faces<D>,
     pub leak: Option<&'a mut Leak>,
+    /// What has to be visited; everything where `None`.
+    pub spans: Option<&'a Spans>,
 }
 
 impl<D: Lanes, const M: usize, const O: usize> SimdKernel for SingleKernel<'_, D, M, O> {
@@ -96,8 +131,12 @@ impl<D: Lanes, const M: usize, const O: usize> SimdKernel for SingleKernel<'_, D
         let [nx, ny, nz] = self.shape.to_array();
         let factors: [f32; M] = std::array::from_fn(|m| self.root_moments[degree_of(m)]);
         let dark = D::splat(0.0);
-        self.result.fill([0.0; O]);
+        match self.spans {
+            None => self.result.fill([0.0; O]),
+            Some(spans) => clear(spans, self.pairs, nx, self.result),
+        }
         for pair in self.pairs {
+            let octants = pair.octants();
             let Faces { x: x_faces, y: y_faces, z: z_faces, .. } = &mut *self.faces;
             z_faces.clear();
             z_faces.resize(2 * nx * ny, dark);
@@ -111,6 +150,10 @@ impl<D: Lanes, const M: usize, const O: usize> SimdKernel for SingleKernel<'_, D
                 for y_step in 0..ny {
                     let y = if pair.forward[0] { y_step } else { ny - 1 - y_step };
                     let row = self.shape.index(0, y, z);
+                    let steps = match self.spans {
+                        None => [0, nx],
+                        Some(spans) => spans.both(octants, y + ny * z),
+                    };
                     let cells = CellRow {
                         extinction: &self.cells.extinction[row..row + nx],
                         root: &self.cells.root_scattering[row..row + nx],
@@ -119,7 +162,7 @@ impl<D: Lanes, const M: usize, const O: usize> SimdKernel for SingleKernel<'_, D
                     };
                     let faces = RowFaces { y: &mut y_faces[..nx], z: &mut z_faces[y * nx..(y + 1) * nx] };
                     let result = &mut self.result[row..row + nx];
-                    let along_x = cells.sweep(simd, self.weights, &pair.bundles, faces, result);
+                    let along_x = cells.sweep(simd, self.weights, (&pair.bundles, steps), faces, result);
                     x_faces.extend(along_x);
                 }
                 if let Some(leak) = self.leak.as_deref_mut() {
@@ -158,13 +201,13 @@ struct RowFaces<'a, D> {
 }
 
 impl<const M: usize> CellRow<'_, M> {
-    /// Sweeps the row from both ends; returns what leaves it by them.
+    /// Sweeps these steps of the row from both ends; returns what leaves it by them.
     #[inline(always)]
     fn sweep<S: Simd, D: Lanes, const O: usize>(
         &self,
         simd: S,
         weights: FaceWeights,
-        bundles: &[Bundle<D>; 2],
+        (bundles, [first, end]): (&[Bundle<D>; 2], [usize; 2]),
         faces: RowFaces<'_, D>,
         result: &mut [[f32; O]],
     ) -> [D; 2] {
@@ -181,7 +224,7 @@ impl<const M: usize> CellRow<'_, M> {
         // refined grid share.
         let (mut keep, mut coupling) = ([[dark; 3]; 2], [[dark; 3]; 2]);
         let (mut inverse, mut prepared) = ([dark; 2], [f32::NAN; 2]);
-        for step in 0..nx {
+        for step in first..end.min(nx) {
             let at = [step, nx - 1 - step];
             for side in 0..2 {
                 let (x, bundle) = (at[side], &bundles[side]);
