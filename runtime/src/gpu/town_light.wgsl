@@ -265,28 +265,29 @@ fn add_images(facets: vec3f, spot: Spot, to_viewer: vec3f, water_slope: f32) -> 
         let ball = lights[view.counts.w + b];
         if has_no_image(ball, spot.point, spot.normal, to_viewer, slope) { continue; }
         let end = min((b + 1u) * TOGETHER, view.lines.x);
-        let first = b * TOGETHER;
-        var shares: array<f32, TOGETHER>;
-        // The first and the last line with an image here.
-        var ends = vec2u(end, end);
-        for (var i = first; i < end; i++) {
-            let which = lights[view.counts.w + balls + i];
-            let bright = line_highlight(which, spot.point, spot.normal, to_viewer, slope);
-            shares[i - first] = bright * which.share;
-            if bright > 0.0 { ends = vec2u(min(ends.x, i), i); }
-        }
-        if ends.x == end { continue; }
         // Rain is that on the way to the ball's middle for all lines in it; where walls leave the first and the last that is shown
         // alike, they leave those between alike.
         var left = -1.0;
         var hidden = UNKNOWN;
-        for (var i = ends.x; i <= ends.y; i++) {
+        var first = end;
+        for (var i = b * TOGETHER; i < end; i++) {
             let which = lights[view.counts.w + balls + i];
-            let share = shares[i - first];
+            let bright = line_highlight(which, spot.point, spot.normal, to_viewer, slope);
+            if bright > 0.0 { first = min(first, i); }
+            let share = bright * which.share;
             if is_lost(share, which.intensity, sum) { continue; }
             if left < 0.0 { left = rain_left(start, ball.start); }
             if share * which.intensity.y >= 1e-3 * sum.y {
-                if hidden == UNKNOWN { hidden = lines_are_hidden(start, view.counts.w + balls, ends.x, ends.y); }
+                if hidden == UNKNOWN {
+                    // From the end: the last line of a ball mostly has an image where another has.
+                    var last = end - 1u;
+                    while last > i {
+                        let other = lights[view.counts.w + balls + last];
+                        if line_highlight(other, spot.point, spot.normal, to_viewer, slope) > 0.0 { break; }
+                        last--;
+                    }
+                    hidden = lines_are_hidden(start, view.counts.w + balls, first, last);
+                }
                 if hidden == HIDDEN { continue; }
                 if hidden == PARTLY_HIDDEN && town_is_blocked(start, 0.5 * (which.start + which.end)) { continue; }
             }
