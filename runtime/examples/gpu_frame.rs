@@ -122,6 +122,20 @@ fn compare(found: &[[u8; 3]], wanted: &[[u8; 3]]) -> (f64, u8, f64) {
     ((sum / count).sqrt(), worst, near as f64 / count)
 }
 
+/// Pixels that are printed where the pictures are farthest apart.
+const FARTHEST: usize = 6;
+
+/// Prints the pixels where the pictures are farthest apart: column, row, what the card has and what the processor.
+fn print_farthest(found: &[[u8; 3]], wanted: &[[u8; 3]]) {
+    let off = |at: &usize| (0..3).map(|band| found[*at][band].abs_diff(wanted[*at][band])).max();
+    let mut places: Vec<usize> = (0..wanted.len()).collect();
+    places.sort_by_key(|at| std::cmp::Reverse(off(at)));
+    let columns = COMPARED[0] as usize;
+    for &at in places.iter().take(FARTHEST) {
+        println!("    ({}, {}): {:?} for {:?}", at % columns, at / columns, found[at], wanted[at]);
+    }
+}
+
 /// Measures `frames` frames of each size under each change, of the view that `asset` brings.
 pub fn run(asset: &Path, frames: usize, sizes: &[[u32; 2]]) -> Result<(), Box<dyn Error>> {
     let mut renderer = StormRenderer::open(asset)?;
@@ -163,9 +177,14 @@ pub fn run(asset: &Path, frames: usize, sizes: &[[u32; 2]]) -> Result<(), Box<dy
         gpu.bytes_held()
     );
 
+    print_farthest(&found, &wanted);
+
     renderer.measure(true);
+    let streaks = base.streaks;
     for &size in sizes {
         (base.camera.width, base.camera.height) = (size[0], size[1]);
+        // As whoever draws in real time has them: a large picture shows no more drops than one of 720 rows.
+        base.streaks = streaks.for_rows(size[1].max(720));
         let target = texture(&gpu, size);
         let view = target.create_view(&wgpu::TextureViewDescriptor::default());
         for change in Change::ALL {

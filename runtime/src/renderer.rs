@@ -4,6 +4,7 @@
 mod card;
 mod channel;
 pub(crate) mod draw;
+mod foreground;
 pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
@@ -18,6 +19,7 @@ pub(crate) mod world;
 
 #[cfg(feature = "gpu")]
 pub use card::Backend;
+pub use foreground::Foreground;
 pub use layers::{Layer, LayerPixels};
 pub use times::{Clock, FrameTimes};
 
@@ -120,6 +122,8 @@ struct Memory {
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
+    /// What the caller has stand before sky, cloud and town.
+    foreground: Option<Foreground>,
     clock: Option<Clock>,
 }
 
@@ -140,6 +144,7 @@ impl Memory {
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),
+            foreground: None,
             clock: None,
         })
     }

@@ -20,6 +20,8 @@ pub struct Targets {
     pub town_metres: Image,
     /// The whole picture, without the glow.
     pub picture: Image,
+    /// Where a scene of the caller's stands: metres to the nearer of it and the town, and to itself.
+    pub scene: Option<[Image; 2]>,
 }
 
 impl Targets {
@@ -31,7 +33,21 @@ impl Targets {
             town: gpu.target("town", size, LIGHT),
             town_metres: gpu.target("town's distance", size, METRES),
             picture: gpu.picture_target("picture", size),
+            scene: None,
         }
+    }
+
+    /// Makes room for a scene of the caller's.
+    pub fn with_scene(&mut self, gpu: &Gpu) {
+        let target = |label: &str| gpu.target(label, self.size, METRES);
+        self.scene.get_or_insert_with(|| ["what is nearest", "the scene's distance"].map(target));
+    }
+
+    /// Metres to what is seen, and to a scene of the caller's (to the town where there is none).
+    pub fn metres(&self) -> [&wgpu::TextureView; 2] {
+        self.scene
+            .as_ref()
+            .map_or([&self.town_metres.view; 2], |both| both.each_ref().map(|image| &image.view))
     }
 }
 

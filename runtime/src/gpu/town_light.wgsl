@@ -253,10 +253,11 @@ const IN_SIGHT: u32 = 1u;
 const PARTLY_HIDDEN: u32 = 2u;
 const HIDDEN: u32 = 3u;
 
-fn ball_is_hidden(start: vec3f, lines: u32, first: u32, end: u32) -> u32 {
+// Of the lines of a ball that have an image, `first` to `last` of all lines. (light.rs, Openness)
+fn lines_are_hidden(start: vec3f, lines: u32, first: u32, last: u32) -> u32 {
     var blocked = 0u;
     for (var i = 0u; i < 2u; i++) {
-        let which = lights[lines + select(first, end - 1u, i == 1u)];
+        let which = lights[lines + select(first, last, i == 1u)];
         if town_is_blocked(start, 0.5 * (which.start + which.end)) { blocked++; }
     }
     return IN_SIGHT + blocked;
@@ -276,17 +277,29 @@ fn add_images(facets: vec3f, spot: Spot, to_viewer: vec3f, water_slope: f32) -> 
         let ball = lights[view.counts.w + b];
         if has_no_image(ball, spot.point, spot.normal, to_viewer, slope) { continue; }
         let end = min((b + 1u) * TOGETHER, view.lines.x);
-        // Rain is that on the way to the ball's middle for all lines in it; where walls leave the ball's first and last line alike,
-        // they leave those between alike.
+        // Rain is that on the way to the ball's middle for all lines in it; where walls leave the first and the last that is shown
+        // alike, they leave those between alike.
         var left = -1.0;
         var hidden = UNKNOWN;
+        var first = end;
         for (var i = b * TOGETHER; i < end; i++) {
             let which = lights[view.counts.w + balls + i];
-            let share = line_highlight(which, spot.point, spot.normal, to_viewer, slope) * which.share;
+            let bright = line_highlight(which, spot.point, spot.normal, to_viewer, slope);
+            if bright > 0.0 { first = min(first, i); }
+            let share = bright * which.share;
             if is_lost(share, which.intensity, sum) { continue; }
             if left < 0.0 { left = rain_left(start, ball.start); }
             if share * which.intensity.y >= 1e-3 * sum.y {
-                if hidden == UNKNOWN { hidden = ball_is_hidden(start, view.counts.w + balls, b * TOGETHER, end); }
+                if hidden == UNKNOWN {
+                    // From the end: the last line of a ball mostly has an image where another has.
+                    var last = end - 1u;
+                    while last > i {
+                        let other = lights[view.counts.w + balls + last];
+                        if line_highlight(other, spot.point, spot.normal, to_viewer, slope) > 0.0 { break; }
+                        last--;
+                    }
+                    hidden = lines_are_hidden(start, view.counts.w + balls, first, last);
+                }
                 if hidden == HIDDEN { continue; }
                 if hidden == PARTLY_HIDDEN && town_is_blocked(start, 0.5 * (which.start + which.end)) { continue; }
             }

@@ -4,6 +4,7 @@
 //! What stays the same is kept: the sky's picture while camera and sky stay, light while strokes and viewer do, and the picture of sky
 //! and cloud while neither light nor anything else of them changes.
 
+mod before;
 #[cfg(test)]
 mod tests;
 mod town;
@@ -67,6 +68,8 @@ pub(super) struct Card {
     shown: Option<([u32; 2], bool)>,
     drops: Readback,
     targets: Option<Targets>,
+    /// A scene of the caller's.
+    before: Option<before::Before>,
     seen: Option<Seen>,
     detail: Option<DetailParameters>,
     is_measured: bool,
@@ -163,6 +166,7 @@ impl Card {
             volumes,
             cloud,
             targets: None,
+            before: None,
             seen: None,
             detail: None,
             is_measured: false,
@@ -203,90 +207,28 @@ impl Card {
         memory: &mut Memory,
         onto: &Onto<'_>,
     ) -> Result<FrameReport, RuntimeError> {
-        let camera = &frame.camera;
-        let gpu = self.gpu.clone();
         // Anything that fails leaves a picture of nothing known behind.
         let seen = self.seen.take();
-        let mut report = FrameReport::default();
-        let mut tints = None;
-        if let (Some(lit), Some(clouds)) = (&mut self.cloud, &mut memory.clouds) {
-            let (_, _, voxels_per_metre) = detail.table();
-            let grid = lit.grid.with_detail(&frame.detail, voxels_per_metre);
-            report = lit.lights.set(&gpu, clouds, asked, (sky, scene.place), grid)?;
-            self.volumes.tint(&gpu, &lit.lights.tints);
-            tints = Some(lit.lights.tints);
-            if self.detail != Some(frame.detail) {
-                self.volumes.set_detail(&gpu, &lit.lights.uniform, detail);
-                self.detail = Some(frame.detail);
-            }
-        }
-        let uniform = sky.uniform(camera, eye_height(camera.position), [CLOUD_M, TOWN_M]);
-        let flashes = frame.flashes.iter().any(|flash| flash.brightness > 0.0);
-        // No part of a sky is sixteen times as bright as its mean but for the sun's own place.
-        let sky_light = sky.mean_radiance().into_iter().fold(0.0, f32::max);
-        let bright = uniform.brightest().max(16.0 * sky_light);
-        let unit = unit_of(bright, [flashes, scene.town.is_some()]);
-        let is_other_sky = seen.as_ref().is_none_or(|seen| seen.sky != frame.sky);
-        self.frame.set(&gpu, &FrameUniform::new(frame, unit));
-        self.frame.set_sky(&gpu, &uniform, is_other_sky.then_some(sky));
+        self.set_foreground(memory.foreground.as_ref(), &frame.camera)?;
+        let (mut report, tints) = self.set_light(scene, (frame, asked), (sky, detail), memory)?;
+        let unit = self.set_frame(scene, (frame, sky), seen.as_ref());
+        let camera = &frame.camera;
+        let size = [camera.width, camera.height];
         let is_wet = frame.weather.rate.0 > 0.0;
         let has_around = is_wet || scene.town.is_some();
-        self.around.set(&gpu, camera);
-        let size = [camera.width, camera.height];
-        let are_new = self.targets.as_ref().is_none_or(|targets| targets.size != size);
-        if are_new {
-            let targets = Targets::new(&gpu, size);
-            // Without a town nothing stands before the sky.
-            gpu.fill(&targets.town_metres, &vec![NO_END_M; (size[0] * size[1]) as usize]);
-            (self.targets, self.shown) = (Some(targets), None);
-        }
+        let are_new = self.resize(size);
+        let gpu = self.gpu.clone();
         let Some(targets) = &self.targets else { return Ok(report) };
         let lit = self.weather.lit_strokes(scene, frame, sky)?;
         self.weather.set(&gpu, scene, (frame, sky), &lit, (&mut memory.rain, targets))?;
         if let Some(town) = &mut self.town {
             town.set(&gpu, scene, (frame, sky), &lit, (targets, &self.around, are_new))?;
         }
+        self.compose.set(&gpu, targets, self.before.as_ref().map(|before| before.views.clone()));
         self.set_tone(&gpu, size, is_wet, onto)?;
-        let Some(targets) = &self.targets else { return Ok(report) };
-
-        let mut recorder = self.clock.record(self.is_measured);
-        let is_lit = self.cloud.as_mut().is_some_and(|lit| lit.lights.record(&mut recorder));
-        let now = Seen {
-            sky: frame.sky.clone(),
-            camera: camera.clone(),
-            detail: frame.detail,
-            unit,
-            tints,
-            had_around: has_around,
-        };
-        let is_other = is_lit || seen.as_ref() != Some(&now);
-        if is_other {
-            let same =
-                |seen: &Seen| (&seen.sky, &seen.camera, seen.unit) == (&now.sky, &now.camera, now.unit);
-            let is_new = !seen.as_ref().is_some_and(same);
-            self.march.record(&gpu, &mut recorder, (&self.frame, &self.volumes), (targets, is_new));
-            if has_around {
-                let has_mirrors = scene.town.is_some();
-                self.around.record(&mut recorder, (&self.frame, &self.volumes), has_mirrors);
-            }
-        }
-        self.weather.record_shown(&mut recorder, &self.frame.group);
-        if let Some(town) = &mut self.town {
-            let groups = [&self.frame.group, &self.weather.group.group];
-            town.record(&gpu, &mut recorder, groups, is_other);
-        }
-        self.compose.record(&gpu, &mut recorder, (&self.frame, targets));
-        self.weather.record(&gpu, &mut recorder, &self.frame.group, targets);
-        match onto {
-            Onto::Memory => {
-                self.back.copy(&mut recorder.encoder, self.weather.picture(targets));
-                self.drops.copy_buffer(&mut recorder.encoder, self.weather.drops());
-            }
-            Onto::Texture(view, format, _) => {
-                self.tone.record(&mut recorder, &self.frame.group, (view, *format));
-            }
-        }
-        recorder.submit();
+        let (sky, detail) = (frame.sky.clone(), frame.detail);
+        let now = Seen { sky, camera: camera.clone(), detail, unit, tints, had_around: has_around };
+        self.record(scene.town.is_some(), seen.as_ref(), &now, onto);
         self.seen = Some(now);
         self.report.bytes_held = gpu.bytes_held();
         if let Onto::Memory = onto {
@@ -299,6 +241,101 @@ impl Card {
             self.report.passes = self.clock.read()?;
         }
         Ok(report)
+    }
+
+    /// Tells the next submission what lights the cloud, and what its billows are.
+    fn set_light(
+        &mut self,
+        scene: &Scene,
+        (frame, asked): (&Frame, &Frame),
+        (sky, detail): (&Sky, &Detail),
+        memory: &mut Memory,
+    ) -> Result<(FrameReport, Option<Tints>), RuntimeError> {
+        let (Some(lit), Some(clouds)) = (&mut self.cloud, &mut memory.clouds) else {
+            return Ok((FrameReport::default(), None));
+        };
+        let (_, _, voxels_per_metre) = detail.table();
+        let grid = lit.grid.with_detail(&frame.detail, voxels_per_metre);
+        let report = lit.lights.set(&self.gpu, clouds, asked, (sky, scene.place), grid)?;
+        self.volumes.tint(&self.gpu, &lit.lights.tints);
+        if self.detail != Some(frame.detail) {
+            self.volumes.set_detail(&self.gpu, &lit.lights.uniform, detail);
+            self.detail = Some(frame.detail);
+        }
+        Ok((report, Some(lit.lights.tints)))
+    }
+
+    /// Tells the next submission who looks, under which sky; what a stored 1 stands for, W/(m² sr).
+    fn set_frame(&mut self, scene: &Scene, (frame, sky): (&Frame, &Sky), seen: Option<&Seen>) -> f32 {
+        let camera = &frame.camera;
+        let uniform = sky.uniform(camera, eye_height(camera.position), [CLOUD_M, TOWN_M]);
+        let flashes = frame.flashes.iter().any(|flash| flash.brightness > 0.0);
+        // No part of a sky is sixteen times as bright as its mean but for the sun's own place.
+        let sky_light = sky.mean_radiance().into_iter().fold(0.0, f32::max);
+        let bright = uniform.brightest().max(16.0 * sky_light);
+        let unit = unit_of(bright, [flashes, scene.town.is_some() || self.before.is_some()]);
+        let is_other_sky = seen.is_none_or(|seen| seen.sky != frame.sky);
+        self.frame.set(&self.gpu, &FrameUniform::new(frame, unit));
+        self.frame.set_sky(&self.gpu, &uniform, is_other_sky.then_some(sky));
+        self.around.set(&self.gpu, camera);
+        unit
+    }
+
+    /// Has pictures of this size; says whether they were made anew.
+    fn resize(&mut self, size: [u32; 2]) -> bool {
+        let are_new = self.targets.as_ref().is_none_or(|targets| targets.size != size);
+        if are_new {
+            let targets = Targets::new(&self.gpu, size);
+            // Without a town nothing stands before the sky.
+            self.gpu.fill(&targets.town_metres, &vec![NO_END_M; (size[0] * size[1]) as usize]);
+            (self.targets, self.shown) = (Some(targets), None);
+        }
+        if let Some(targets) = &mut self.targets {
+            if targets.scene.is_some() != self.before.is_some() {
+                // Passes after it are bound anew, and make pictures of their own.
+                self.shown = None;
+            }
+            match self.before {
+                Some(_) => targets.with_scene(&self.gpu),
+                None => targets.scene = None,
+            }
+        }
+        are_new
+    }
+
+    /// Puts the frame on record and sends it off.
+    fn record(&mut self, has_town: bool, seen: Option<&Seen>, now: &Seen, onto: &Onto<'_>) {
+        let Some(targets) = &self.targets else { return };
+        let gpu = &self.gpu;
+        let mut recorder = self.clock.record(self.is_measured);
+        let is_lit = self.cloud.as_mut().is_some_and(|lit| lit.lights.record(&mut recorder));
+        let is_other = is_lit || seen != Some(now);
+        if is_other {
+            let same =
+                |seen: &Seen| (&seen.sky, &seen.camera, seen.unit) == (&now.sky, &now.camera, now.unit);
+            let is_new = !seen.is_some_and(same);
+            self.march.record(gpu, &mut recorder, (&self.frame, &self.volumes), (targets, is_new));
+            if now.had_around {
+                self.around.record(&mut recorder, (&self.frame, &self.volumes), has_town);
+            }
+        }
+        self.weather.record_shown(&mut recorder, &self.frame.group);
+        if let Some(town) = &mut self.town {
+            let groups = [&self.frame.group, &self.weather.group.group];
+            town.record(gpu, &mut recorder, groups, is_other);
+        }
+        self.compose.record(&mut recorder, &self.frame.group, targets.size);
+        self.weather.record(gpu, &mut recorder, &self.frame.group, targets);
+        match onto {
+            Onto::Memory => {
+                self.back.copy(&mut recorder.encoder, self.weather.picture(targets));
+                self.drops.copy_buffer(&mut recorder.encoder, self.weather.drops());
+            }
+            Onto::Texture(view, format, _) => {
+                self.tone.record(&mut recorder, &self.frame.group, (view, *format));
+            }
+        }
+        recorder.submit();
     }
 }
 

@@ -139,13 +139,15 @@ pub struct Channels<'a> {
     pub sky: &'a Sky,
     pub cloud: Option<&'a Cloud>,
     pub town: Option<&'a Town>,
+    /// A scene of the caller's.
+    pub before: Option<&'a super::foreground::Pixels>,
 }
 
 impl Channels<'_> {
     /// Adds the channels to a picture: every piece's light, spread over a lens's blur. `left` is the share of a point's
     /// light that comes through the rain.
     pub fn draw(&self, left: &dyn Fn(DVec3) -> f32, picture: &mut Picture) {
-        let Self { camera, sky, cloud, town, .. } = *self;
+        let Self { camera, sky, cloud, town, before, .. } = *self;
         let Projection::Perspective { .. } = camera.projection else { return };
         let per_metre = camera.pixels_per_metre();
         for flash in self.flashes {
@@ -170,6 +172,9 @@ impl Channels<'_> {
                     let point = segment.from.lerp(segment.to, (i as f64 + 0.5) / count);
                     let Some(place) = camera.project(point) else { continue };
                     let eye = camera.position.as_vec3();
+                    if before.is_some_and(|before| before.hides(camera, point)) {
+                        continue;
+                    }
                     if !town.is_some_and(|town| town.is_blocked(eye, point.as_vec3())) {
                         spot(picture, place.pixel.as_vec2(), light);
                     }

@@ -78,6 +78,7 @@ impl Scene {
     ) -> Result<FrameReport, RuntimeError> {
         let mut watch = Watch::new(memory.clock);
         let camera = &frame.camera;
+        let before = memory.scene_before(camera)?;
         let flashes = self.lit_strokes(frame, sky)?;
         memory.fit(camera)?;
         let mut report = FrameReport::default();
@@ -139,6 +140,9 @@ impl Scene {
             memory.town.frame(),
             &mut memory.picture,
         );
+        if let Some(before) = &before {
+            self.stand_before(before, (camera, sky), memory.town.frame(), &mut memory.picture);
+        }
         watch.lap(&mut report.times.sky);
         let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
         let in_rain = |phase: &Phase| match &mut surrounding {
@@ -217,11 +221,16 @@ impl Scene {
     ) -> Result<(), RuntimeError> {
         let mut watch = Watch::new(memory.clock);
         let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());
-        let channels = channel::Channels { flashes, camera, sky, cloud, town };
+        let before = memory.scene_before(camera)?;
+        let before = before.as_deref();
+        let channels = channel::Channels { flashes, camera, sky, cloud, town, before };
         // A lamp is looked at through the air and the rain before it, whatever stands or doesn't stand behind it.
         let lamps = |left: &dyn Fn(DVec3) -> f32, picture: &mut Picture| {
             let Some(town) = town else { return };
             let through = |point: DVec3| {
+                if before.is_some_and(|before| before.hides(camera, point)) {
+                    return [0.0; 3];
+                }
                 let distance = camera.position.distance(point);
                 let air = sky.air_view(eye_height(camera.position), TOWN_M, distance).transmittance;
                 air.map(|share| share * left(point))
@@ -245,6 +254,7 @@ impl Scene {
             town,
             place: &self.rain_place,
             has_depth: town.is_some(),
+            before,
             around,
             drops,
         };
@@ -256,6 +266,25 @@ impl Scene {
         report.streaks = rain::streaks(&task, &medium, memory)?;
         watch.lap(&mut report.times.streaks);
         Ok(())
+    }
+
+    /// A scene of the caller's, before sky, cloud and what of the town is farther.
+    fn stand_before(
+        &self,
+        before: &super::foreground::Pixels,
+        (camera, sky): (&Camera, &Sky),
+        town: &TownFrame,
+        picture: &mut Picture,
+    ) {
+        let (width, has_town) = (picture.width, self.town.is_some());
+        let metres =
+            |x: usize, y: usize| if has_town { town.pixels[y * width + x].distance } else { f32::INFINITY };
+        let through = |metres: f32| {
+            let distance = f64::from(metres.min(FARTHEST_GROUND_M));
+            let air = sky.air_view(eye_height(camera.position), TOWN_M, distance);
+            (air.transmittance, air.added)
+        };
+        before.compose(camera, &metres, &through, picture);
     }
 
     pub(super) fn cloud_grid(&self) -> Option<&Cloud> {

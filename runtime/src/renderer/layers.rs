@@ -85,6 +85,11 @@ impl StormRenderer {
             return Err(RuntimeError::argument("layer", wanted, layer.name()));
         }
         let memory = &self.memory;
+        let is_whole = matches!(layer, Layer::Beauty | Layer::StreakAlpha | Layer::Transmittance);
+        if memory.foreground.is_some() && !is_whole {
+            let wanted = "beauty, streak-alpha or transmittance where a foreground stands in the picture";
+            return Err(RuntimeError::argument("layer", wanted, layer.name()));
+        }
         let count = memory.picture.pixels.len();
         if (frame.camera.width as usize, frame.camera.height as usize)
             != (memory.picture.width, memory.picture.height)
@@ -166,7 +171,7 @@ impl Scene {
         if let Some(sky) = sky {
             let flashes = self.lit_strokes(&frame, sky)?;
             let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());
-            let channels = channel::Channels { flashes: &flashes, camera, sky, cloud, town };
+            let channels = channel::Channels { flashes: &flashes, camera, sky, cloud, town, before: None };
             channels.draw(&|_| 1.0, &mut picture);
         }
         Ok(picture.pixels)

@@ -35,6 +35,8 @@ pub struct Task<'a> {
     pub town: Option<&'a Town>,
     pub place: &'a Place,
     pub has_depth: bool,
+    /// A scene of the caller's.
+    pub before: Option<&'a super::foreground::Pixels>,
     /// Mean radiance of the whole sphere, the sun left out.
     pub around: [f32; 3],
     /// What a drop shows of the world and of the flashes.
@@ -234,6 +236,9 @@ pub fn medium<'a>(
         memory.metres.extend(memory.town.frame().pixels.iter().map(|pixel| pixel.distance));
     } else {
         memory.metres.resize(memory.picture.pixels.len(), f32::INFINITY);
+    }
+    if let Some(before) = task.before {
+        before.shorten(camera, &mut memory.metres);
     }
     let depth = Some(depth_of(&memory.metres, &memory.picture)?);
     let medium = task.frame.medium.medium(task.section, &shot_of(task.frame), field.rate(weather.rate))?;

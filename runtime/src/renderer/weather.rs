@@ -43,8 +43,6 @@ pub struct Weather {
     placed_for: Option<PlacedFor>,
     strokes: Vec<KeptStroke>,
     rains: bool,
-    /// Whether a scene of the caller's stands in the town's place.
-    pub has_scene: bool,
 }
 
 /// A stroke as it was seen from an eye under a sky: growing it and looking for it through the cloud takes milliseconds.
@@ -61,6 +59,8 @@ struct KeptStroke {
 struct Sized {
     size: [u32; 2],
     of: wgpu::TextureView,
+    /// Metres to what is seen.
+    metres: wgpu::TextureView,
     layer: Image,
     /// What the medium makes of the picture.
     picture: Image,
@@ -109,7 +109,6 @@ impl Weather {
             placed_for: None,
             strokes: Vec::new(),
             rains: false,
-            has_scene: false,
         }
     }
 
@@ -134,7 +133,7 @@ impl Weather {
             return Err(RuntimeError::argument("flashes", wanted, flashes.len()));
         }
         self.resize(gpu, targets);
-        self.set_spots(gpu, scene, (frame, sky), flashes);
+        self.set_spots(gpu, scene, (frame, sky), flashes, targets.scene.is_some());
         let section = scene.rain.as_ref().filter(|_| self.rains);
         let Some(section) = section else { return self.medium.set(gpu, None, (&[], None)) };
         let field = scene.rain_place.field(frame);
@@ -192,17 +191,20 @@ impl Weather {
 
     fn resize(&mut self, gpu: &Gpu, targets: &Targets) {
         let size = targets.size;
+        let [metres, own_metres] = targets.metres();
         // Pictures of the same size may be others: their views are kept, and compared.
-        if self.sized.as_ref().is_none_or(|sized| sized.size != size || sized.of != targets.picture.view) {
+        let same =
+            |sized: &Sized| sized.size == size && sized.of == targets.picture.view && sized.metres == *metres;
+        if !self.sized.as_ref().is_some_and(same) {
             let usage = wgpu::TextureUsages::RENDER_ATTACHMENT;
             let kind = (wgpu::TextureDimension::D2, LAYER);
             let layer = gpu.texture("streaks", [size[0], size[1], 1], kind, usage);
             let picture = gpu.picture_target("picture in rain", size);
-            let pictures = [&targets.picture, &targets.town_metres, &picture].map(|image| &image.view);
-            self.medium.set_targets(gpu, pictures, size);
-            self.spots.set_layer(gpu, &layer.view, &targets.town_metres.view);
-            self.rain.set_scene(gpu, &targets.town_metres.view);
-            self.sized = Some(Sized { size, of: targets.picture.view.clone(), layer, picture });
+            self.medium.set_targets(gpu, [&targets.picture.view, metres, &picture.view], size);
+            self.spots.set_layer(gpu, &layer.view, own_metres);
+            self.rain.set_scene(gpu, metres);
+            let of = targets.picture.view.clone();
+            self.sized = Some(Sized { size, of, metres: metres.clone(), layer, picture });
         }
     }
 
@@ -280,7 +282,14 @@ impl Weather {
     }
 
     /// Lamps and channels in view: placed anew where eye, sky or strokes are others, else only as bright as they are now.
-    fn set_spots(&mut self, gpu: &Gpu, scene: &Scene, (frame, sky): (&Frame, &Sky), flashes: &[LitStroke]) {
+    fn set_spots(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        (frame, sky): (&Frame, &Sky),
+        flashes: &[LitStroke],
+        has_scene: bool,
+    ) {
         let camera = &frame.camera;
         let scales: Vec<[f32; 3]> = flashes.iter().map(|flash| flash.scale).collect();
         let key = PlacedFor {
@@ -301,7 +310,7 @@ impl Weather {
             self.spots.set_sources(gpu, &sources);
             self.placed_for = Some(key);
         }
-        self.spots.set_frame(gpu, &scales, [self.rains, scene.town.is_some(), self.has_scene]);
+        self.spots.set_frame(gpu, &scales, [self.rains, scene.town.is_some(), has_scene]);
     }
 
     /// Puts on record what rain shows of the world: the town's mirrors look through rain.
@@ -320,7 +329,7 @@ impl Weather {
         targets: &Targets,
     ) {
         if self.rain.wants_scene() {
-            self.rain.set_scene(gpu, &targets.town_metres.view);
+            self.rain.set_scene(gpu, targets.metres()[0]);
         }
         let Some(sized) = &self.sized else { return };
         let (town, rain) = (&self.town.group, &self.group.group);
@@ -377,4 +386,4 @@ fn lamp_spots(scene: &Scene, (frame, sky): (&Frame, &Sky)) -> Vec<SpotSource> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

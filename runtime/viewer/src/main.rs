@@ -5,35 +5,51 @@
 mod drawer;
 mod panel;
 
-use drawer::{Answer, Drawer, Drawn};
-use eframe::egui;
+use drawer::{Answer, Drawer, Drawn, Shown};
+use eframe::egui_wgpu::{RenderState, WgpuSetup};
+use eframe::{egui, wgpu};
 use panel::Panel;
+use squall_runtime::gpu::Gpu;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-const USAGE: &str = "usage: squall-viewer ASSET [--screenshot PICTURE.png]\n\n\
+const USAGE: &str = "usage: squall-viewer ASSET [--backend cpu|auto] [--screenshot PICTURE.png]\n\n\
+    --backend cpu has the processor draw; auto, the default, the window's graphics card where it can\n\
     --screenshot strikes in the middle, saves the window once the flash is in it, and ends\n";
 
 struct Arguments {
     asset: PathBuf,
     screenshot: Option<PathBuf>,
+    on_card: bool,
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let (mut asset, mut screenshot) = (None, None);
+    let (mut asset, mut screenshot, mut on_card) = (None, None, true);
     let mut given = std::env::args_os().skip(1);
     while let Some(argument) = given.next() {
         if argument == "--screenshot" {
             screenshot = Some(given.next().ok_or("--screenshot: wanted a file, found nothing")?.into());
+        } else if argument == "--backend" {
+            let found = given.next().map(|word| word.to_string_lossy().into_owned());
+            on_card = match found.as_deref() {
+                Some("auto") => true,
+                Some("cpu") => false,
+                found => {
+                    return Err(format!(
+                        "--backend: wanted cpu or auto, found {}",
+                        found.unwrap_or("nothing")
+                    ));
+                }
+            };
         } else if argument.to_string_lossy().starts_with("--") || asset.is_some() {
             return Err(format!("{}: wanted one asset, found another argument", argument.to_string_lossy()));
         } else {
             asset = Some(PathBuf::from(argument));
         }
     }
-    Ok(Arguments { asset: asset.ok_or("wanted an asset, found nothing")?, screenshot })
+    Ok(Arguments { asset: asset.ok_or("wanted an asset, found nothing")?, screenshot, on_card })
 }
 
 fn main() -> std::process::ExitCode {
@@ -52,9 +68,19 @@ fn main() -> std::process::ExitCode {
         }
     };
     let viewport = egui::ViewportBuilder::default().with_inner_size([1280.0, 760.0]).with_title("Squall");
-    let options = eframe::NativeOptions { viewport, ..Default::default() };
-    let make = move |_: &eframe::CreationContext<'_>| -> Result<Box<dyn eframe::App>, _> {
-        Ok(Box::new(Viewer::new(drawer, arguments.screenshot)))
+    let mut options = eframe::NativeOptions { viewport, ..Default::default() };
+    if let WgpuSetup::CreateNew(setup) = &mut options.wgpu_options.wgpu_setup {
+        // The window's own device, with a clock where it has one.
+        let usual = setup.device_descriptor.clone();
+        setup.device_descriptor = Arc::new(move |adapter| {
+            let mut descriptor = usual(adapter);
+            descriptor.required_features |= adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+            descriptor
+        });
+    }
+    let make = move |context: &eframe::CreationContext<'_>| -> Result<Box<dyn eframe::App>, _> {
+        let state = context.wgpu_render_state.clone();
+        Ok(Box::new(Viewer::new(drawer, state, (arguments.on_card, arguments.screenshot))))
     };
     match eframe::run_native("squall", options, Box::new(make)) {
         Ok(()) => 0.into(),
@@ -79,7 +105,8 @@ const FLY: [f64; 2] = [40.0, 400.0];
 struct Viewer {
     drawer: Drawer,
     panel: Panel,
-    shown: Option<(Drawn, egui::TextureHandle)>,
+    shown: Option<(Drawn, Texture)>,
+    state: Option<RenderState>,
     words: Result<String, String>,
     width: usize,
     is_drawing: bool,
@@ -87,6 +114,13 @@ struct Viewer {
     last_change: Instant,
     is_playing: bool,
     screenshot: Option<Screenshot>,
+}
+
+/// What egui shows a picture by.
+enum Texture {
+    Loaded(egui::TextureHandle),
+    /// A texture of the card's that egui knows.
+    Native(egui::TextureId, wgpu::TextureView),
 }
 
 /// A screenshot on its way.
@@ -103,13 +137,24 @@ enum Stage {
 }
 
 impl Viewer {
-    fn new(drawer: Drawer, screenshot: Option<PathBuf>) -> Self {
-        let panel = Panel::of(drawer.values());
+    fn new(
+        drawer: Drawer,
+        state: Option<RenderState>,
+        (on_card, screenshot): (bool, Option<PathBuf>),
+    ) -> Self {
+        let mut panel = Panel::of(drawer.values());
+        if let Some(state) = state.as_ref().filter(|_| on_card) {
+            match Gpu::with_device(state.device.clone(), state.queue.clone()) {
+                Ok(gpu) => drawer.take_card(gpu),
+                Err(error) => panel.instead = Some(format!("The processor draws: {error}")),
+            }
+        }
         let take = |path| Screenshot { path, state: Stage::BeforeStrike, ends: true };
         Self {
             drawer,
             panel,
             shown: None,
+            state,
             words: Ok(String::new()),
             width: 2,
             is_drawing: false,
@@ -141,12 +186,10 @@ impl Viewer {
             match answer {
                 Answer::Drawn(drawn) => {
                     self.is_drawing = false;
-                    let size = [drawn.width as usize, drawn.height as usize];
-                    let image = egui::ColorImage::from_rgba_unmultiplied(size, &drawn.pixels);
-                    let texture = context.load_texture("storm", image, egui::TextureOptions::LINEAR);
                     self.adapt(&drawn);
                     self.words = Ok(drawn.words());
-                    self.shown = Some((drawn, texture));
+                    self.panel.passes.clone_from(&drawn.passes);
+                    self.show(context, drawn);
                 }
                 Answer::Moved(metres) => self.panel.moved = Some(metres),
                 Answer::Refused(words) => {
@@ -169,6 +212,37 @@ impl Viewer {
             self.drawer.draw(width, width * 9 / 16);
             (self.is_drawing, self.is_stale) = (true, false);
         }
+    }
+
+    /// Has egui show a picture from now on.
+    fn show(&mut self, context: &egui::Context, drawn: Drawn) {
+        let before = self.shown.take().map(|(_, texture)| texture);
+        let texture = match (&drawn.shown, &self.state) {
+            (Shown::Texture(view), Some(state)) => {
+                if let Some(Texture::Native(id, known)) = &before
+                    && known == view
+                {
+                    Texture::Native(*id, view.clone())
+                } else {
+                    let mut renderer = state.renderer.write();
+                    if let Some(Texture::Native(id, _)) = &before {
+                        renderer.free_texture(id);
+                    }
+                    let filter = wgpu::FilterMode::Linear;
+                    Texture::Native(
+                        renderer.register_native_texture(&state.device, view, filter),
+                        view.clone(),
+                    )
+                }
+            }
+            (Shown::Pixels(pixels), _) => {
+                let size = [drawn.width as usize, drawn.height as usize];
+                let image = egui::ColorImage::from_rgba_unmultiplied(size, pixels);
+                Texture::Loaded(context.load_texture("storm", image, egui::TextureOptions::LINEAR))
+            }
+            (Shown::Texture(_), None) => return,
+        };
+        self.shown = Some((drawn, texture));
     }
 
     /// The width of a picture at rest, where it is wider than what is shown.
@@ -235,7 +309,11 @@ impl Viewer {
             ui.allocate_ui(size, |ui| ui.spinner());
             return;
         };
-        let image = egui::Image::new((texture.id(), size)).sense(egui::Sense::click());
+        let id = match texture {
+            Texture::Loaded(handle) => handle.id(),
+            Texture::Native(id, _) => *id,
+        };
+        let image = egui::Image::new((id, size)).sense(egui::Sense::click());
         let response = ui.add(image).on_hover_cursor(egui::CursorIcon::Crosshair);
         if let Some(at) = response.interact_pointer_pos().filter(|_| response.clicked()) {
             let share = (at - response.rect.min) / response.rect.size();

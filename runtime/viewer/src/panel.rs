@@ -1,6 +1,7 @@
 //! The controls beside the picture.
 
 use eframe::egui;
+use squall_runtime::gpu::PassTime;
 use std::collections::BTreeMap;
 
 /// A group of controls: what it is called, and per control its name, label, range and unit.
@@ -51,11 +52,15 @@ pub struct Panel {
     pub values: BTreeMap<&'static str, f64>,
     /// Metres that the last stroke stands beside where it was meant.
     pub moved: Option<f64>,
+    /// Why the processor draws where a card was wanted.
+    pub instead: Option<String>,
+    /// What the passes of the last picture took.
+    pub passes: Vec<PassTime>,
 }
 
 impl Panel {
     pub fn of(values: &BTreeMap<&'static str, f64>) -> Self {
-        Self { values: values.clone(), moved: None }
+        Self { values: values.clone(), moved: None, instead: None, passes: Vec::new() }
     }
 
     pub fn show(&mut self, ui: &mut egui::Ui, playing: &mut bool, words: &Result<String, String>) -> Asked {
@@ -73,6 +78,17 @@ impl Panel {
         };
         if let Some(metres) = self.moved.filter(|&metres| metres > 1.0) {
             ui.label(format!("The stroke stands {metres:.0} m from there, where the asset has light."));
+        }
+        if let Some(instead) = &self.instead {
+            ui.label(instead);
+        }
+        if !self.passes.is_empty() {
+            let all: f64 = self.passes.iter().map(|pass| pass.ms).sum();
+            ui.collapsing(format!("{all:.1} ms of the card's own"), |ui| {
+                for pass in &self.passes {
+                    ui.monospace(format!("{:>8.2}  {}", pass.ms, pass.name));
+                }
+            });
         }
         for (title, controls) in GROUPS {
             ui.separator();

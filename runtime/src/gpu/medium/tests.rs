@@ -148,6 +148,55 @@ fn told(gpu: &Gpu) -> wgpu::Buffer {
     told.clone()
 }
 
+/// What the card makes of the picture, and what of it is left.
+fn by_the_card(
+    gpu: &Gpu,
+    (camera, world, sun): (&Camera, &WorldLight, Sun),
+    (medium, field, phase): (&Medium, RainField<'_>, &Phase),
+    ranges: &[f32],
+    (halos, spreading): (&Halos<'_>, &Spreading),
+) -> (Vec<[u16; 4]>, Vec<f32>) {
+    let frame = FrameGroup::new(gpu);
+    frame.set(gpu, &FrameUniform::of_camera(camera, 1.0));
+    let mut group = RainGroup::new(gpu, &StreakSet::new(&StreakSection::default()).tables(), &told(gpu));
+    gpu.write(&group.field, &[field.uniform()]);
+    group.set_map(gpu, field.map());
+    let mut uniform = RainLight { phases: [phase.numbers(); 3], ..RainLight::default() };
+    let [x, y, z] = sun.towards.to_array();
+    let [r, g, b] = sun.irradiance;
+    (uniform.sun_towards, uniform.sun) = ([x, y, z, 0.0], [r, g, b, 0.0]);
+    gpu.write(&group.light, &[uniform]);
+    let harmonics = gpu.storage("harmonics", &world.all_coefficients());
+    let mut shown = ShownPass::new(gpu, &frame.layout, &group, &harmonics);
+    shown.set_phases(gpu, &group, [phase; 3]);
+    let mut pass = MediumPass::new(gpu, &frame.layout, &group);
+    pass.set(gpu, Some(medium), (&halos.list(), Some(spreading))).unwrap();
+    let picture = gpu.target("picture", SIZE, LIGHT);
+    let (width, height) = (SIZE[0] as usize, SIZE[1] as usize);
+    let each = (0..width * height).map(|i| (i % width, i / width));
+    let texel = |(x, y)| {
+        let [r, g, b] = behind(x, y);
+        [r, g, b, 1.0].map(bits_of)
+    };
+    gpu.fill(&picture, &each.map(texel).collect::<Vec<[u16; 4]>>());
+    let distance = gpu.target("metres", SIZE, METRES);
+    gpu.fill(&distance, ranges);
+    let out = gpu.target("out", SIZE, LIGHT);
+    pass.set_targets(gpu, [&picture.view, &distance.view, &out.view], SIZE);
+    let (mut clock, mut back) = (Clock::new(gpu), Readback::new(gpu));
+    let mut recorder = clock.record(false);
+    shown.record(&mut recorder, &frame.group);
+    pass.record(&mut recorder, [&frame.group, &group.group]);
+    back.copy(&mut recorder.encoder, pass.left.as_ref().unwrap());
+    recorder.submit();
+    let left: Vec<f32> = back.values().unwrap();
+    let mut recorder = clock.record(false);
+    back.copy(&mut recorder.encoder, &out);
+    recorder.submit();
+    let texels: Vec<[u16; 4]> = back.values().unwrap();
+    (texels, left)
+}
+
 #[test]
 fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
     /// Nodes of the processor's J, half precision, relative L2.
@@ -158,7 +207,6 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
     let asset = Asset::open(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/golden/v1/golden.squall")).unwrap();
     let section: DensitySection =
         asset.section(DensitySection::TAG, "density", DensitySection::read).unwrap();
-    let set = StreakSet::new(&StreakSection::default());
     let camera = camera();
     let sun = Sun {
         towards: Vec3::new(0.3, 0.9, 0.25).normalize(),
@@ -188,42 +236,8 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
         let ranges: Vec<f32> = each().map(|(x, y)| metres(x, y)).collect();
         let (wanted, wanted_left) = by_the_processor(&camera, (&medium, field, &light), &ranges, &halos);
 
-        let frame = FrameGroup::new(&gpu);
-        frame.set(&gpu, &FrameUniform::of_camera(&camera, 1.0));
-        let mut group = RainGroup::new(&gpu, &set.tables(), &told(&gpu));
-        gpu.write(&group.field, &[field.uniform()]);
-        group.set_map(&gpu, field.map());
-        let mut uniform = RainLight { phases: [case.phase.numbers(); 3], ..RainLight::default() };
-        let [x, y, z] = sun.towards.to_array();
-        let [r, g, b] = sun.irradiance;
-        (uniform.sun_towards, uniform.sun) = ([x, y, z, 0.0], [r, g, b, 0.0]);
-        gpu.write(&group.light, &[uniform]);
-        let harmonics = gpu.storage("harmonics", &world.all_coefficients());
-        let mut shown = ShownPass::new(&gpu, &frame.layout, &group, &harmonics);
-        shown.set_phases(&gpu, &group, [&case.phase; 3]);
-        let mut pass = MediumPass::new(&gpu, &frame.layout, &group);
-        pass.set(&gpu, Some(&medium), (&halos.list(), Some(&spreading))).unwrap();
-        let picture = gpu.target("picture", SIZE, LIGHT);
-        let texel = |(x, y)| {
-            let [r, g, b] = behind(x, y);
-            [r, g, b, 1.0].map(bits_of)
-        };
-        gpu.fill(&picture, &each().map(texel).collect::<Vec<[u16; 4]>>());
-        let distance = gpu.target("metres", SIZE, METRES);
-        gpu.fill(&distance, &ranges);
-        let out = gpu.target("out", SIZE, LIGHT);
-        pass.set_targets(&gpu, [&picture.view, &distance.view, &out.view], SIZE);
-        let (mut clock, mut back) = (Clock::new(&gpu), Readback::new(&gpu));
-        let mut recorder = clock.record(false);
-        shown.record(&mut recorder, &frame.group);
-        pass.record(&mut recorder, [&frame.group, &group.group]);
-        back.copy(&mut recorder.encoder, pass.left.as_ref().unwrap());
-        recorder.submit();
-        let left: Vec<f32> = back.values().unwrap();
-        let mut recorder = clock.record(false);
-        back.copy(&mut recorder.encoder, &out);
-        recorder.submit();
-        let texels: Vec<[u16; 4]> = back.values().unwrap();
+        let of = (&medium, field, &case.phase);
+        let (texels, left) = by_the_card(&gpu, (&camera, &world, sun), of, &ranges, (&halos, &spreading));
         let (mut miss, mut whole, mut worst) = (0.0, 0.0, 0.0f32);
         for (i, wanted) in wanted.iter().enumerate() {
             worst = worst.max((left[i] - wanted_left[i]).abs());

@@ -87,6 +87,8 @@ impl Sky {
         });
         let size = libm::sin(SUN_HALF_ANGLE);
         let open = self.open_to_the_sun();
+        // Of a sun below the ground nothing is seen, and no light has to be stored as coarsely as its disc's.
+        let is_up = self.sun.z > -size && self.scale != [0.0; 3];
         let disc = std::array::from_fn(|i| {
             let air = self.air.transmittance(EYE, at(i, DISC, DISC_REACH).max(0.0));
             four(std::array::from_fn(|band| {
@@ -117,7 +119,7 @@ impl Sky {
             air_town: air(eye_height, town_m),
             disc_scale: per(DISC_REACH, DISC),
             air_high: air(EYE, HIGH_CLOUD),
-            has_disc: u32::from(is_perspective && place.is_some() && open > 0.0 && self.scale != [0.0; 3]),
+            has_disc: u32::from(is_up && is_perspective && place.is_some() && open > 0.0),
             irradiance: sun.map_or([0.0; 3], |sun| sun.irradiance),
             half_angle: SUN_HALF_ANGLE as f32,
             sun_pixel: place.map_or([-1e9; 2], |place| place.pixel.as_vec2().to_array()),
