@@ -85,6 +85,7 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
         view_region: settings.view_region,
         seen: seen.map(pack_seen),
         sun: sources.sun.clone(),
+        finer: Vec::new(),
     }
 }
 

@@ -1,14 +1,16 @@
-//! `CLRT` v3: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
+//! `CLRT` v4: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
 //!
 //! A row belongs to one virtual source and holds, per coefficient of a directional basis, the Haar transform of the cloud's
 //! answer to a source of unit strength: of in-scattered radiance J ([`crate::basis`]). Rows are contiguous and found through
 //! an index, so that a reader touches only the sources that a stroke needs.
 
+mod finer;
 mod head;
 mod stream;
 mod sun;
 
 pub use crate::basis::DirectionalBasis;
+pub use finer::{FinerLevel, MOST_LEVELS, Window};
 pub use head::{
     Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis,
     SweepScheme, pack_seen,
@@ -74,9 +76,9 @@ pub struct ResponseSection<'a> {
 impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = head::TAG;
-    /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, or 3 with a sun or with light
-    /// on blocks of cells.
-    pub const VERSION: u16 = 3;
+    /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, 3 with a sun or with light
+    /// on blocks of cells, 4 with finer levels of virtual lights.
+    pub const VERSION: u16 = 4;
 
     /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
     pub fn read(bytes: &'a [u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {

@@ -117,6 +117,7 @@ pub fn response(u: &mut Unstructured<'_>, cloud: &CloudHead) -> Result<OutSectio
             None
         },
         sun: None,
+        finer: Vec::new(),
     };
     let rows: Vec<Vec<u8>> =
         (0..count).map(|_| row(u, codec, basis.count(), cells)).collect::<Result<_>>()?;

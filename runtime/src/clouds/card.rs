@@ -51,7 +51,9 @@ impl Clouds {
     ///
     /// Errors: as [`Clouds::light`].
     pub(crate) fn parts_of(&mut self, lights: &[PointLight], viewer: Viewer) -> Result<Parts, RuntimeError> {
-        let inside = !self.gathers() && lights.iter().all(|light| self.relighter.reaches(light.position));
+        let inside = !self.gathers()
+            && !self.relighter.has_finer()
+            && lights.iter().all(|light| self.relighter.reaches(light.position));
         if !inside {
             let light = self.light(lights)?;
             let report = LightReport {

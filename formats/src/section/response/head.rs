@@ -1,5 +1,6 @@
 //! A response's metadata: which sources its rows belong to, what their coefficients mean, how they were solved for.
 
+use super::finer::FinerLevel;
 use super::sun::SunDirections;
 use crate::basis::DirectionalBasis;
 use crate::error::{Limits, ReadError};
@@ -150,21 +151,28 @@ pub struct ResponseHead {
     pub seen: Option<Vec<u8>>,
     /// Where the sun may stand whose beams are among the distant lights. New in version 3.
     pub sun: Option<SunDirections>,
+    /// Virtual lights between those of the light grid, coarse to fine; their rows stand behind all others. New in version 4.
+    pub finer: Vec<FinerLevel>,
 }
 
 impl ResponseHead {
     /// The oldest version that can say this, which is the one that is written.
     pub(super) fn version(&self, cloud_blocks: bool) -> u16 {
-        if self.sun.is_some() || cloud_blocks { 3 } else { 2 }
+        match (self.finer.is_empty(), self.sun.is_some() || cloud_blocks) {
+            (false, _) => 4,
+            (true, true) => 3,
+            (true, false) => 2,
+        }
     }
 
     /// The metadata record of a section of `version`.
     pub(super) fn encode(&self, version: u16) -> Vec<u8> {
-        if version >= 3 {
+        if version >= 4 {
             return meta::encode(self);
         }
-        let Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, .. } = self;
-        meta::encode(&(shape, sources, distant, basis, direct, codec, solver, view_region, seen))
+        let Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, .. } = self;
+        let old = (shape, sources, distant, basis, direct, codec, solver, view_region, seen);
+        if version == 3 { meta::encode(&(old, sun)) } else { meta::encode(&old) }
     }
 
     /// Whether the rows' light in cell `cell` means something.
@@ -180,6 +188,19 @@ pub fn pack_seen(seen: &[bool]) -> Vec<u8> {
     let byte =
         |cells: &[bool]| cells.iter().enumerate().fold(0, |byte, (bit, &seen)| byte | u8::from(seen) << bit);
     seen.chunks(8).map(byte).collect()
+}
+
+/// [`ResponseHead`] as version 3 has it.
+#[derive(Deserialize)]
+struct HeadV3 {
+    before: HeadV2,
+    sun: Option<SunDirections>,
+}
+
+impl From<HeadV3> for ResponseHead {
+    fn from(head: HeadV3) -> Self {
+        Self { sun: head.sun, ..head.before.into() }
+    }
 }
 
 /// [`ResponseHead`] as version 2 has it.
@@ -199,7 +220,8 @@ struct HeadV2 {
 impl From<HeadV2> for ResponseHead {
     fn from(head: HeadV2) -> Self {
         let HeadV2 { shape, sources, distant, basis, direct, codec, solver, view_region, seen } = head;
-        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun: None }
+        let (sun, finer) = (None, Vec::new());
+        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, finer }
     }
 }
 
@@ -232,6 +254,7 @@ impl HeadV1 {
             view_region: None,
             seen: None,
             sun: None,
+            finer: Vec::new(),
         })
     }
 }
@@ -245,6 +268,7 @@ impl ResponseHead {
         let head: Self = match version {
             1 => meta::decode::<HeadV1>(TAG, record, limits)?.newest()?,
             2 => meta::decode::<HeadV2>(TAG, record, limits)?.into(),
+            3 => meta::decode::<HeadV3>(TAG, record, limits)?.into(),
             _ => meta::decode(TAG, record, limits)?,
         };
         let cells = head.shape.checked_len().filter(|&cells| cells as u64 <= limits.cells);
@@ -258,8 +282,9 @@ impl ResponseHead {
         head.check_seen()?;
         head.solver.check()?;
         let rows = head.check_sources(limits)?;
+        let finer = head.check_finer(limits, rows)?;
         head.check_sun()?;
-        Ok((head, rows))
+        Ok((head, rows + finer))
     }
 
     /// A view region, and a basis that needs one.
@@ -311,14 +336,7 @@ impl ResponseHead {
     /// Light grid and distant light; the number of rows that they name, each once.
     fn check_sources(&self, limits: &Limits) -> Result<usize, ReadError> {
         let SourceBasis::LightGrid { grid, rows: node_rows } = &self.sources;
-        for axis in grid.axes() {
-            let rising = axis.windows(2).all(|pair| pair[0] < pair[1]);
-            if axis.is_empty() || !rising || !axis.iter().all(|v| v.is_finite()) {
-                let found = format!("{} nodes", axis.len());
-                return Err(invalid(None, "light grid axis", "rising finite metres", found));
-            }
-        }
-        let nodes = grid.axes().iter().fold(1u64, |nodes, axis| nodes.saturating_mul(axis.len() as u64));
+        let nodes = check_axes(grid)?;
         if nodes != node_rows.len() as u64 {
             let found = format!("{} for {nodes}", node_rows.len());
             return Err(invalid(None, "light grid rows", "one a node", found));
@@ -350,6 +368,18 @@ impl ResponseHead {
         }
         Ok(count)
     }
+}
+
+/// Axes of a light grid; the number of its nodes.
+pub(super) fn check_axes(grid: &LightGrid) -> Result<u64, ReadError> {
+    for axis in grid.axes() {
+        let rising = axis.windows(2).all(|pair| pair[0] < pair[1]);
+        if axis.is_empty() || !rising || !axis.iter().all(|v| v.is_finite()) {
+            let found = format!("{} nodes", axis.len());
+            return Err(invalid(None, "light grid axis", "rising finite metres", found));
+        }
+    }
+    Ok(grid.axes().iter().fold(1u64, |nodes, axis| nodes.saturating_mul(axis.len() as u64)))
 }
 
 impl SolverRecord {
