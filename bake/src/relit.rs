@@ -31,6 +31,7 @@ use squall_runtime::shade::cloud::{
     Cells, CloudMarch, MarchQuality, WideRay, between, corners, direction_to,
 };
 use squall_runtime::single_scatter::{self, DirectRays, DirectSettings};
+use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 use std::time::Instant;
 
@@ -165,6 +166,7 @@ pub fn relight(
     let mut fields = Fields::default();
     if cells && let Some(direct) = &cell_direct {
         // Without what the rows hold of direct light, and that light apart.
+        let mut light = light.on_rows_grid();
         let mut planes = light.relit().planes.to_vec();
         let mut known = direct.clone();
         if from == DirectFrom::Rows {
@@ -186,8 +188,10 @@ pub fn relight(
     };
     let exact_lights: Vec<Light> = rays.iter().filter(|_| exact).map(|&light| light.into()).collect();
     progress.begin("image", u64::from(camera.height));
+    // Means per cell are on the rows' grid; beside them so is all light.
+    let light = if direct.is_empty() { light } else { light.on_rows_grid() };
     let lit = InScattered { direct: &direct, ..light.in_scattered() };
-    let image = picture(relighter, &lit, &exact_lights, camera, progress)?;
+    let image = picture((relighter, light.cells()), &lit, &exact_lights, camera, progress)?;
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
     let report = RelitReport {
         lights: lights.len(),
@@ -321,13 +325,13 @@ fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera)
 
 /// The picture: radiance per pixel, never negative.
 fn picture(
-    relighter: &Relighter,
+    (relighter, grid): (&Relighter, &Cloud),
     lit: &InScattered<'_>,
     lights: &[Light],
     camera: &Camera,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
-    let (cloud, grid) = (relighter.cloud(), relighter.light_cloud());
+    let cloud = relighter.cloud();
     let exact = ExactDirect { lights, extinction_scale: relighter.extinction_scale() };
     let march =
         CloudMarch::new(cloud, Cells, MarchQuality::measured(shortest(cloud.cell_m))).with_exact(exact);

@@ -220,9 +220,8 @@ impl Made {
             return Ok(Vec::new());
         }
         let clock = Clock::start();
-        progress.begin("gathers", u64::from(gathered::MOST));
         let asset = in_memory(&self.sections)?;
-        let errors = gathered::errors(&asset, &self.held_out, progress)?;
+        let errors = gathered::errors(&asset, (&self.plan.settings, &self.held_out), progress)?;
         let words = gathered::words(&errors);
         let made = format!("{} held-out strokes", self.held_out.len());
         self.reports.push(clock.report("gathers", made, 0, words));

@@ -4,25 +4,37 @@ use crate::error::BakeError;
 use crate::evaluate::RelitError;
 use crate::evaluate::held_out::HeldOutSet;
 use crate::progress::Progress;
-use crate::response::HeldOutStroke;
+use crate::recipe::model::ResponseSettings;
+use crate::response::{HeldOutStroke, solve_held_out};
 use squall_formats::section::provenance::BudgetRecord;
 use squall_runtime::{Asset, Clouds};
 
 /// Most gathers that are measured.
 pub(super) const MOST: u32 = 2;
 
-/// Errors after 1 to [`MOST`] gathers, relit from the asset's bytes; none where it holds no light that can be gathered.
+/// Errors after 1 to [`MOST`] gathers, relit from the asset's bytes. Where rows hold light for blocks of the cloud's cells, gathers bring it to the
+/// cells, and it is those that the strokes are solved in to compare.
 ///
-/// Errors: a damaged row, an interruption.
+/// Errors: a damaged row, a solve that does not converge, an interruption.
 pub(super) fn errors(
     asset: &Asset,
-    strokes: &[HeldOutStroke],
+    (settings, strokes): (&ResponseSettings, &[HeldOutStroke]),
     progress: &dyn Progress,
 ) -> Result<Vec<RelitError>, BakeError> {
     let mut clouds = Clouds::new(asset)?;
     let relighter = clouds.relighter();
-    let set =
-        HeldOutSet::new(relighter.light_cloud(), relighter.view_region(), relighter.direct(), strokes, 0);
+    let (cloud, region, direct) = (relighter.cloud(), relighter.view_region(), relighter.direct());
+    let fine;
+    let strokes = if relighter.is_coarse() {
+        let lights: Vec<_> = strokes.iter().map(|stroke| stroke.lights.clone()).collect();
+        let settings = ResponseSettings { refine: 1, ..*settings };
+        fine = solve_held_out(cloud, &settings, &lights, None, progress)?;
+        &fine
+    } else {
+        strokes
+    };
+    progress.begin("gathers", u64::from(MOST));
+    let set = HeldOutSet::new(cloud, region, direct, strokes, 0);
     let mut errors = Vec::new();
     for gathers in 1..=MOST {
         progress.check()?;

@@ -63,6 +63,9 @@ impl Clouds {
                 kept: 0,
                 residual: light.residual(),
             };
+            // The card reads light on the rows' grid.
+            #[cfg(feature = "live")]
+            let light = if self.gathers() { light.on_rows_grid() } else { light };
             let scattered = Scattered::Values(self.values_towards(&light.in_scattered(), viewer));
             return Ok(Parts { scattered, direct: light.direct, report });
         }
