@@ -14,6 +14,8 @@ pub mod scene;
 pub mod sequence;
 pub mod streak_notes;
 pub mod town;
+pub mod vdb;
+pub mod volume;
 
 use crate::error::BakeError;
 pub use json::read_json;

@@ -1,9 +1,12 @@
 //! Files that appear whole or not at all: temporary file beside the target, fsync, rename. Nothing is ever written in place, so
 //! that whoever has an asset mapped keeps the bytes that it opened.
 
+pub mod ktx2;
+pub mod npy;
 mod part;
 pub mod pending;
 mod place;
+pub mod vdb;
 
 use crate::error::BakeError;
 use part::Part;

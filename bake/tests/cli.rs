@@ -6,6 +6,7 @@ mod camera;
 mod chart;
 mod diff;
 mod disk;
+mod export;
 mod help;
 mod inputs;
 mod inspect;

@@ -22,7 +22,7 @@ fn same(name: &str, text: &str) {
     assert!(text == wanted, "{} differs; SQUALL_UPDATE=1 writes it anew. Now:\n{text}", path.display());
 }
 
-const COMMANDS: [&str; 20] = [
+const COMMANDS: [&str; 21] = [
     "",
     "bake",
     "render",
@@ -32,6 +32,7 @@ const COMMANDS: [&str; 20] = [
     "query",
     "inspect",
     "page",
+    "export",
     "verify",
     "diff",
     "chart",

@@ -142,7 +142,13 @@ fn a_foreign_format_is_named_by_its_magic_number_wherever_it_is_handed_in() {
             &["solve", "x", "--lamp", "in", "-o", "out"],
             &["streaks", "fit", "x"],
         ];
-        for call in calls.iter().filter(|call| !(kind.contains("EXR") && call[0] == "streaks")) {
+        // Where a kind is read, it is refused for what it lacks: pictures as streaks, two kinds of grids.
+        let read = |call: &[&str]| match kind {
+            "an OpenEXR picture" => call[0] == "streaks",
+            "an OpenVDB file" | "a NumPy array" => call[1] == "c.toml",
+            _ => false,
+        };
+        for call in calls.iter().filter(|call| !read(call)) {
             let (code, _, error) = squall(path, call);
             assert!(
                 code == 3 && error.contains(kind) && error.lines().count() == 1,

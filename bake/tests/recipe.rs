@@ -105,3 +105,28 @@ fn grids_that_are_missing_empty_cut_or_no_numbers_are_refused() {
     check(Some(&grid(f32::NAN)), &["cloud.f32"]);
     check(Some(&grid(-0.1)), &["cloud.f32"]);
 }
+
+#[test]
+fn air_costs_next_to_nothing_by_default_and_the_papers_layout_has_every_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    // One cloudy cell in 12 × 12 × 6.
+    let (cells, cloudy) = (12 * 12 * 6, 3 * 144 + 6 * 12 + 6);
+    let grid: Vec<u8> = (0..cells).flat_map(|at| f32::from(u8::from(at == cloudy)).to_le_bytes()).collect();
+    std::fs::write(path.join("cloud.f32"), grid).unwrap();
+    std::fs::write(path.join("cloud.json"), SCENE.replace("[2, 2, 2]", "[12, 12, 6]")).unwrap();
+    let bytes = |keys: &str| {
+        let recipe = format!(
+            "{CLOUD}[clouds.lightning]\nspacing_m = 300.0\n[clouds.response]\ntest_strokes = 0\n{keys}"
+        );
+        let (code, said) = bake(path, &recipe);
+        assert_eq!(code, Some(0), "{said}");
+        std::fs::metadata(path.join("r.squall")).unwrap().len()
+    };
+    let plain = bytes("");
+    assert_eq!(plain, bytes("seen_only = true\n"));
+    // 27 of 864 cells are read: a tenth of the bytes, heads included.
+    assert!(10 * plain < bytes("seen_only = false\n"), "{plain}");
+    let paper = bytes("codec = \"paper\"\n");
+    assert_eq!(paper, bytes("codec = \"paper\"\nseen_only = false\n"));
+}

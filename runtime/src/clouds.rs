@@ -26,6 +26,7 @@ pub use gather::LightQuality;
 pub use half::f16_bits;
 #[cfg(feature = "gpu")]
 pub(crate) use half::f16_value;
+pub(crate) use light::DirectExtent;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
 #[cfg(feature = "live")]
@@ -39,7 +40,7 @@ use crate::single_scatter::{DirectRays, DirectSettings};
 use crate::stroke::Strokes;
 use crate::transport::Cloud;
 use glam::{DVec3, Vec3, Vec4};
-use kept::Kept;
+use kept::{Kept, MadeFor};
 use squall_formats::section::response::DirectTerm;
 use std::sync::Arc;
 
@@ -259,8 +260,9 @@ impl Clouds {
 
     /// In-scattered radiance J of `flashes` towards `viewer` per cell, direct light included, W/(m² sr) in red, green and blue,
     /// and the cell's extinction, 1/m, behind it, into `out`: what a renderer that marches the cloud itself needs (radiance
-    /// along a ray is ∫ albedo · extinction · J · transmittance). Never negative; 0 in cells that no viewer of the asset's
-    /// view region can see; direct light is left out of cells farther than one from any cloud, which no lookup between centres reads.
+    /// along a ray is ∫ albedo · extinction · J · transmittance). Never negative. Every cell has its direct light, air too; in cells
+    /// whose scattered light the asset left out, because no viewer of its view region shades with them
+    /// ([`Relighter::known_cells`]), it is alone.
     ///
     /// Errors: as [`Clouds::light`]; a viewer outside the asset's view region; a stroke that the asset lacks; `out` is not one
     /// grid long.
@@ -272,11 +274,9 @@ impl Clouds {
     ) -> Result<(), RuntimeError> {
         self.check_length(out.len())?;
         let mut light = vec![Vec3::ZERO; out.len()];
-        self.add_flashes(flashes, viewer.into(), &mut light)?;
-        let known = self.relighter.known_cells();
-        for (cell, value) in out.iter_mut().enumerate() {
-            let seen = if known[cell] { light[cell] } else { Vec3::ZERO };
-            *value = seen.extend(self.cloud().extinction[cell]).to_array();
+        self.add_flashes(flashes, (viewer.into(), DirectExtent::Everywhere), &mut light)?;
+        for ((value, light), &extinction) in out.iter_mut().zip(light).zip(&self.cloud().extinction) {
+            *value = light.extend(extinction).to_array();
         }
         Ok(())
     }
@@ -330,11 +330,12 @@ impl Clouds {
     pub(crate) fn add_flashes(
         &mut self,
         flashes: &[Flash],
-        viewer: Viewer,
+        (viewer, extent): (Viewer, DirectExtent),
         light: &mut [Vec3],
     ) -> Result<LightReport, RuntimeError> {
         viewer.check(&self.relighter)?;
         let mut report = LightReport::default();
+        let made_for = MadeFor { viewer, rays: self.rays, extent };
         let mut sum = vec![0.0f32; light.len()];
         let resolved: Vec<_> = self.strokes.find(flashes)?.into_iter().zip(flashes).collect();
         for (stroke, flash) in &resolved {
@@ -344,7 +345,7 @@ impl Clouds {
         for group in resolved.chunk_by(|(a, x), (b, y)| x.color_of(a) == y.color_of(b)) {
             sum.fill(0.0);
             for (stroke, flash) in group.iter().filter(|(_, flash)| flash.brightness > 0.0) {
-                let entry = self.stroke_light(stroke, viewer, &mut report)?;
+                let entry = self.stroke_light(stroke, made_for, &mut report)?;
                 let brightness = flash.brightness as f32;
                 sum.iter_mut().zip(entry).for_each(|(sum, j)| *sum += brightness * j);
             }
@@ -354,15 +355,15 @@ impl Clouds {
         Ok(report)
     }
 
-    /// J of a stroke of brightness 1 towards `viewer`, direct light included, from memory where it is the last frames'.
+    /// J of a stroke of brightness 1 towards a viewer, direct light included, from memory where it is the last frames'.
     fn stroke_light(
         &mut self,
         stroke: &Arc<crate::stroke::Stroke>,
-        viewer: Viewer,
+        made_for: MadeFor,
         report: &mut LightReport,
     ) -> Result<&[f32], RuntimeError> {
-        let rays = self.rays;
-        let at = match self.kept.find(stroke, viewer, rays) {
+        let MadeFor { viewer, rays, extent } = made_for;
+        let at = match self.kept.find(stroke, made_for) {
             Some(at) => {
                 report.kept += 1;
                 at
@@ -373,7 +374,7 @@ impl Clouds {
                 let light = self.light(&stroke.lights(0.0))?;
                 let mut j = vec![0.0; self.cloud().shape.len()];
                 let settings = DirectSettings { rays, ..DirectSettings::default() };
-                light.towards(viewer, settings, &mut j);
+                light.towards(viewer, (settings, extent), &mut j);
                 let own = LightReport {
                     lights: light.lights,
                     sources: light.sources,
@@ -381,7 +382,7 @@ impl Clouds {
                     kept: 0,
                     residual: light.residual(),
                 };
-                self.kept.insert(stroke.clone(), viewer, rays, (j, own))
+                self.kept.insert(stroke.clone(), made_for, (j, own))
             }
         };
         let (j, own) = self.kept.at(at);

@@ -36,11 +36,8 @@ pub(crate) mod volume;
 pub use clock::{GpuReport, PassTime};
 
 use crate::error::RuntimeError;
-use std::future::Future;
-use std::pin::pin;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
-use std::task::{Context, Poll, Waker};
 
 /// Buffers that one storage binding of WebGPU's default limits may hold, bytes.
 pub(crate) const LARGEST_BINDING: u64 = 128 << 20;
@@ -83,6 +80,10 @@ impl Gpu {
     ///
     /// Errors: as [`Gpu::open`].
     pub async fn open_async() -> Result<Self, RuntimeError> {
+        if wgpu::Instance::enabled_backend_features().is_empty() {
+            let wanted = "a device of the page's own (Gpu::with_device), or a build with feature `webgpu`";
+            return Err(RuntimeError::Device { wanted: wanted.to_owned(), found: "neither".to_owned() });
+        }
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
@@ -196,13 +197,18 @@ impl Gpu {
     }
 }
 
+/// The WGSL of every pass by its name, for whoever compiles it elsewhere.
+pub fn shaders() -> impl Iterator<Item = (&'static str, String)> {
+    shader::ALL.iter().map(|shader| (shader.name, shader.source()))
+}
+
 /// Runs a future that makes progress whenever it is asked, as wgpu's are outside of a browser.
 #[cfg(not(target_family = "wasm"))]
-pub(crate) fn wait<T>(future: impl Future<Output = T>) -> T {
-    let mut future = pin!(future);
-    let mut context = Context::from_waker(Waker::noop());
+pub(crate) fn wait<T>(future: impl std::future::Future<Output = T>) -> T {
+    let mut future = std::pin::pin!(future);
+    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
     loop {
-        if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
+        if let std::task::Poll::Ready(value) = future.as_mut().poll(&mut context) {
             return value;
         }
         std::thread::yield_now();

@@ -52,6 +52,7 @@
 //! | `rayon` | yes | spreads work over the caller's rayon pool; results do not depend on the number of threads |
 //! | `live` | no | solves for the light of strokes that no baked row answers for |
 //! | `gpu` | no | frames on a graphics card, through wgpu: `gpu::Gpu` |
+//! | `webgpu` | no | on wasm32, `Gpu::open_async` through wgpu's own bindings, which want wasm-bindgen |
 //! | `simd` | no | the machine's widest registers for the rain's medium, found when it runs; the same bytes without |
 #![deny(unsafe_code)]
 

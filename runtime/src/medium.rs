@@ -137,9 +137,26 @@ impl Medium {
         if self.extinction.0 == 0.0 || depth <= 0.0 {
             return 0.0;
         }
-        let drawn: f64 = self.drawn.iter().map(|s| s.extinction * (depth.min(s.far) - s.near).max(0.0)).sum();
         // Shells hold less than all drops, so only round-off can fall below zero.
-        (secant * (self.extinction.0 * depth - drawn)).max(0.0)
+        (secant * (self.extinction.0 * depth - self.drawn_in_even_rain(depth))).max(0.0)
+    }
+
+    /// Optical depth of the drops that are drawn, straight ahead up to planar depth `depth` in unbounded rain.
+    fn drawn_in_even_rain(&self, depth: f64) -> f64 {
+        self.drawn.iter().map(|s| s.extinction * (depth.min(s.far) - s.near).max(0.0)).sum()
+    }
+
+    /// The same in bounded rain, along `ray` from the camera to distance `secant * depth`.
+    fn drawn_in<V: RainPath>(&self, volume: &V, ray: &Ray, depth: f64, secant: f64) -> f64 {
+        match self.drawn.iter().map(|shell| shell.far).fold(0.0, f64::max) {
+            0.0 => 0.0,
+            far if volume.fills(ray.origin, far * secant) => secant * self.drawn_in_even_rain(depth),
+            _ => {
+                let distance = depth * secant;
+                let piece = |s: &Shell| [s.extinction, s.near * secant, distance.min(s.far * secant)];
+                volume.weighted(ray, &mut self.drawn.iter().map(piece))
+            }
+        }
     }
 
     /// [`Medium::optical_depth`] in bounded rain, along `ray` from the camera to distance `secant * depth`.
@@ -150,19 +167,8 @@ impl Medium {
         if self.extinction.0 == 0.0 || depth <= 0.0 {
             return 0.0;
         }
-        let distance = depth * secant;
-        let drawn: f64 = match self.drawn.iter().map(|shell| shell.far).fold(0.0, f64::max) {
-            0.0 => 0.0,
-            far if volume.fills(ray.origin, far * secant) => {
-                let shells = self.drawn.iter();
-                secant * shells.map(|s| s.extinction * (depth.min(s.far) - s.near).max(0.0)).sum::<f64>()
-            }
-            _ => {
-                let piece = |s: &Shell| [s.extinction, s.near * secant, distance.min(s.far * secant)];
-                volume.weighted(ray, &mut self.drawn.iter().map(piece))
-            }
-        };
-        (self.extinction.0 * volume.path(ray, 0.0, distance) - drawn).max(0.0)
+        let drawn = self.drawn_in(volume, ray, depth, secant);
+        (self.extinction.0 * volume.path(ray, 0.0, depth * secant) - drawn).max(0.0)
     }
 
     /// What the medium shows of the world's light, for all directions; the sun and the sky's harmonics in it.

@@ -42,6 +42,8 @@ pub struct PointSpread {
     source: Vec<[f32; 3]>,
     /// ln M by T, then angle.
     seen: Vec<[f32; 3]>,
+    /// Largest f from each ρ on, of any angle and colour.
+    brightest: Vec<f64>,
     /// Whether colours differ.
     coloured: bool,
 }
@@ -116,7 +118,14 @@ impl PointSpread {
 
     fn of_logarithms(phase: &Phase, source: Vec<[f32; 3]>) -> Self {
         let coloured = source.iter().any(|light| light[0] != light[1] || light[0] != light[2]);
-        let mut spread = Self { phase: phase.clone(), source, seen: Vec::new(), coloured };
+        let mut brightest: Vec<f64> = source
+            .chunks(ANGLES)
+            .map(|row| row.iter().flatten().fold(0.0, |most: f64, &log| most.max(libm::exp(f64::from(log)))))
+            .collect();
+        for i in (1..brightest.len()).rev() {
+            brightest[i - 1] = brightest[i - 1].max(brightest[i]);
+        }
+        let mut spread = Self { phase: phase.clone(), source, seen: Vec::new(), brightest, coloured };
         if spread.is_dark() {
             return spread;
         }
@@ -212,6 +221,18 @@ impl PointSpread {
     pub fn most_at(&self, extinction: f64, distance: f64) -> f64 {
         let light = self.lookup_seen(extinction * distance, 0.0);
         light[0].max(light[1]).max(light[2]) * extinction * extinction
+    }
+
+    /// Largest radiance per unit of intensity, 1/m², that `length` m of a ray show none of which is nearer to a point than `near` m,
+    /// `length` and `near` above 0: light within a depth of any ray falls with the distance from its source.
+    pub(crate) fn most_of_piece(&self, extinction: f64, near: f64, length: f64) -> f64 {
+        let depth = extinction * near;
+        if self.is_dark() || depth >= FARTHEST {
+            return 0.0;
+        }
+        // The node below has the brighter light.
+        let node = (axes::radius_place(depth) as usize).min(RADII - 1);
+        self.brightest[node] / depth * extinction * extinction * extinction * length
     }
 
     /// Radiance per unit of the point's intensity that a medium of this extinction, 1/m, scatters twice and more into a ray, 1/m² per

@@ -27,18 +27,18 @@ pub(crate) trait Work {
 
 /// Sums of products of four numbers side by side.
 pub(crate) trait Registers: Copy {
-    /// Σ (low + (high − low) · share) · (value + place · step · gain), two products of four numbers, `place` from −1.5 to 1.5.
-    /// `factors` are values and gains.
-    fn two(
+    /// (low + (high − low) · share) · (value + place · step · gain) of four numbers, `place` from −1.5 to 1.5; `factors` are values and
+    /// gains. Once with the first factors, which are light's, and once with the last, which are the coverage's.
+    fn one(
         self,
-        low: &[[f32; 4]; 2],
-        high: &[[f32; 4]; 2],
+        low: &[f32; 4],
+        high: &[f32; 4],
         share: f32,
         step: f32,
         factors: &[[f32; 4]; 2],
-    ) -> [f32; 4];
+    ) -> [[f32; 4]; 2];
 
-    /// The same of four products: those of an even number and those of an odd one are summed apart.
+    /// The same of four such products: the sum of the first three, and the last.
     fn four(
         self,
         low: &[[f32; 4]; 4],
@@ -46,10 +46,11 @@ pub(crate) trait Registers: Copy {
         share: f32,
         step: f32,
         factors: &[[f32; 4]; 2],
-    ) -> [f32; 4];
+    ) -> [[f32; 4]; 2];
 
-    /// Lays a colour, three times over and a fourth of it, with coverages `alpha` over four pixels and into their mask.
-    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], alpha: [f32; 4], colours: &[f32; 12]);
+    /// Lays a colour, three times over and a fourth of it, over four pixels and into their mask: `over` is how much of it each shows,
+    /// and how much of each is covered.
+    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], over: [[f32; 4]; 2], colours: &[f32; 12]);
 }
 
 /// Places of four pixels from their middle.
@@ -98,16 +99,16 @@ impl Plain {
 
 impl Registers for Plain {
     #[inline(always)]
-    fn two(
+    fn one(
         self,
-        low: &[[f32; 4]; 2],
-        high: &[[f32; 4]; 2],
+        low: &[f32; 4],
+        high: &[f32; 4],
         share: f32,
         step: f32,
         factors: &[[f32; 4]; 2],
-    ) -> [f32; 4] {
-        let product = |k: usize| Self::product([&low[k], &high[k]], [share, step], factors, k);
-        (product(0) + product(1)).to_array()
+    ) -> [[f32; 4]; 2] {
+        let product = |k: usize| Self::product([low, high], [share, step], factors, k).to_array();
+        [product(0), product(3)]
     }
 
     #[inline(always)]
@@ -118,35 +119,34 @@ impl Registers for Plain {
         share: f32,
         step: f32,
         factors: &[[f32; 4]; 2],
-    ) -> [f32; 4] {
+    ) -> [[f32; 4]; 2] {
         let product = |k: usize| Self::product([&low[k], &high[k]], [share, step], factors, k);
-        ((product(0) + product(2)) + (product(1) + product(3))).to_array()
+        [((product(0) + product(1)) + product(2)).to_array(), product(3).to_array()]
     }
 
     #[inline(always)]
-    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], [a, b, c, d]: [f32; 4], colours: &[f32; 12]) {
-        let covers = [[a, a, a, b], [b, b, c, c], [c, d, d, d]];
+    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], over: [[f32; 4]; 2], colours: &[f32; 12]) {
+        let [shown, covers] = over.map(|[a, b, c, d]| [[a, a, a, b], [b, b, c, c], [c, d, d, d]]);
         let (light, _) = light.as_chunks_mut::<4>();
         let (colours, _) = colours.as_chunks::<4>();
-        for ((light, cover), colour) in light.iter_mut().zip(covers).zip(colours) {
-            Self::over(light, cover, colour);
+        for (i, (light, colour)) in light.iter_mut().zip(colours).enumerate() {
+            Self::over(light, shown[i], covers[i], colour);
         }
-        Self::over(mask, [a, b, c, d], &[1.0; 4]);
+        Self::over(mask, over[1], over[1], &[1.0; 4]);
     }
 }
 
 impl Plain {
-    /// Four numbers that `cover` covers by `colour`.
+    /// Four numbers that `cover` hides and `shown` of `colour` is added to.
     #[inline(always)]
-    fn over(under: &mut [f32; 4], cover: [f32; 4], colour: &[f32; 4]) {
+    fn over(under: &mut [f32; 4], shown: [f32; 4], cover: [f32; 4], colour: &[f32; 4]) {
         use glam::Vec4;
-        let cover = Vec4::from_array(cover);
-        let kept = Vec4::from_array(*under) * (Vec4::ONE - cover);
-        *under = (kept + cover * Vec4::from_array(*colour)).to_array();
+        let kept = Vec4::from_array(*under) * (Vec4::ONE - Vec4::from_array(cover));
+        *under = (kept + Vec4::from_array(shown) * Vec4::from_array(*colour)).to_array();
     }
 }
 
-/// All products in one register.
+/// All products in one register: three of light and one of coverage.
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S>(pub S);
@@ -169,23 +169,22 @@ mod wide {
 
     impl<S: Simd> Registers for Wide<S> {
         #[inline(always)]
-        fn two(
+        fn one(
             self,
-            low: &[[f32; 4]; 2],
-            high: &[[f32; 4]; 2],
+            low: &[f32; 4],
+            high: &[f32; 4],
             share: f32,
             step: f32,
             factors: &[[f32; 4]; 2],
-        ) -> [f32; 4] {
+        ) -> [[f32; 4]; 2] {
             let simd = self.0;
-            let low = f32x8::from_slice(simd, low.as_flattened());
-            let high = f32x8::from_slice(simd, high.as_flattened());
-            let between = low + (high - low) * share;
+            let low = f32x4::from_slice(simd, low);
+            let between = low + (f32x4::from_slice(simd, high) - low) * share;
             let places = f32x4::from_slice(simd, &PLACES) * step;
-            let gains = simd.combine_f32x4(places, places) * pair(simd, factors[1][0], factors[1][1]);
-            let factor = pair(simd, factors[0][0], factors[0][1]) + gains;
-            let (a, b) = simd.split_f32x8(between * factor);
-            (a + b).into()
+            let gains = simd.combine_f32x4(places, places) * pair(simd, factors[1][0], factors[1][3]);
+            let factor = pair(simd, factors[0][0], factors[0][3]) + gains;
+            let (light, cover) = simd.split_f32x8(simd.combine_f32x4(between, between) * factor);
+            [light.into(), cover.into()]
         }
 
         #[inline(always)]
@@ -196,7 +195,7 @@ mod wide {
             share: f32,
             step: f32,
             factors: &[[f32; 4]; 2],
-        ) -> [f32; 4] {
+        ) -> [[f32; 4]; 2] {
             let simd = self.0;
             let low = f32x16::from_slice(simd, low.as_flattened());
             let high = f32x16::from_slice(simd, high.as_flattened());
@@ -204,30 +203,24 @@ mod wide {
             let places = f32x4::from_slice(simd, &PLACES) * step;
             let places = simd.combine_f32x4(places, places);
             let factor = all(simd, factors[0]) + simd.combine_f32x8(places, places) * all(simd, factors[1]);
-            // Products 0 and 1 lie in one half, 2 and 3 in the other.
             let (front, back) = simd.split_f32x16(between * factor);
-            let (a, b) = simd.split_f32x8(front + back);
-            (a + b).into()
+            let ((a, b), (c, cover)) = (simd.split_f32x8(front), simd.split_f32x8(back));
+            [((a + b) + c).into(), cover.into()]
         }
 
         #[inline(always)]
-        fn lay(
-            self,
-            light: &mut [f32; 12],
-            mask: &mut [f32; 4],
-            [a, b, c, d]: [f32; 4],
-            colours: &[f32; 12],
-        ) {
+        fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], over: [[f32; 4]; 2], colours: &[f32; 12]) {
             let simd = self.0;
-            let first = f32x8::from_slice(simd, &[a, a, a, b, b, b, c, c]);
-            let last = f32x4::from_slice(simd, &[c, d, d, d]);
-            let alpha = f32x4::from_slice(simd, &[a, b, c, d]);
+            let [shown, covers] = over.map(|[a, b, c, d]| {
+                (f32x8::from_slice(simd, &[a, a, a, b, b, b, c, c]), f32x4::from_slice(simd, &[c, d, d, d]))
+            });
+            let alpha = f32x4::from_slice(simd, &over[1]);
             let (one, ones) = (f32x4::splat(simd, 1.0), f32x8::splat(simd, 1.0));
             let (near, far) = light.split_at_mut(8);
-            let lit = f32x8::from_slice(simd, near) * (ones - first);
-            (lit + first * f32x8::from_slice(simd, &colours[..8])).store_slice(near);
-            let lit = f32x4::from_slice(simd, far) * (one - last);
-            (lit + last * f32x4::from_slice(simd, &colours[8..])).store_slice(far);
+            let lit = f32x8::from_slice(simd, near) * (ones - covers.0);
+            (lit + shown.0 * f32x8::from_slice(simd, &colours[..8])).store_slice(near);
+            let lit = f32x4::from_slice(simd, far) * (one - covers.1);
+            (lit + shown.1 * f32x4::from_slice(simd, &colours[8..])).store_slice(far);
             (f32x4::from_slice(simd, mask) * (one - alpha) + alpha).store_slice(mask);
         }
     }
@@ -238,7 +231,7 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// Sums of two and four products, and four pixels under one streak, of random numbers.
+    /// One product and sums of four, and four pixels under one streak, of random numbers.
     fn bits(registers: impl Registers) -> Vec<u32> {
         let mut random = Random::new(11);
         let mut four = || -> [f32; 4] { std::array::from_fn(|_| random.range(-1.0, 1.0) as f32) };
@@ -246,13 +239,14 @@ mod tests {
         for _ in 0..200 {
             let [low, high]: [[[f32; 4]; 4]; 2] = [(); 2].map(|()| [(); 4].map(|()| four()));
             let (factors, [share, step, ..]) = ([four(), four()], four());
-            let two = registers.two(&[low[0], low[1]], &[high[0], high[1]], share, step, &factors);
-            let all = registers.four(&low, &high, share, step, &factors);
+            let [one, its_cover] = registers.one(&low[0], &high[0], share, step, &factors);
+            let [all, cover] = registers.four(&low, &high, share, step, &factors);
             let mut light = [0.0; 12];
             light.as_chunks_mut().0.iter_mut().for_each(|part: &mut [f32; 4]| *part = four());
             let mut mask = four().map(f32::abs);
-            registers.lay(&mut light, &mut mask, four().map(f32::abs), &[0.3; 12]);
-            bits.extend([two, all, mask].as_flattened().iter().chain(&light).map(|value| value.to_bits()));
+            registers.lay(&mut light, &mut mask, [four(), four()].map(|over| over.map(f32::abs)), &[0.3; 12]);
+            let sums = [one, its_cover, all, cover, mask];
+            bits.extend(sums.as_flattened().iter().chain(&light).map(|value| value.to_bits()));
         }
         bits
     }

@@ -22,6 +22,7 @@ use crate::medium::Phase;
 use crate::octahedron::{fold, unfold};
 use crate::parallel::prelude::*;
 use crate::rain::RainLight;
+use crate::rain::light::contrast_of;
 use crate::shade::sky::harmonics::Harmonics;
 use degrees::{Basis, COUNT, DEGREE};
 use glam::{DVec3, Vec3};
@@ -116,7 +117,21 @@ impl WorldLight {
         let count = if self.finer.is_empty() { 9 } else { COUNT };
         let sun = self.sun.iter().filter(|sun| sun.irradiance != [0.0; 3]);
         let beams = sun.map(|sun| Beam { towards: sun.towards.as_dvec3(), irradiance: sun.irradiance });
-        InScattering { map: Map::new(&blurred[..count]), phase: phase.clone(), beams: beams.collect() }
+        InScattering {
+            map: Map::new(&blurred[..count]),
+            phase: phase.clone(),
+            beams: beams.collect(),
+            spread: self.spread(),
+        }
+    }
+
+    /// Mean radiance of the whole sphere and its standard deviation, the sun left out, W/(m² sr), of the three colours' mean.
+    fn spread(&self) -> [f64; 2] {
+        let grey = |value: &[f32; 3]| value.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0;
+        // Harmonics are orthonormal: squares add up to the square's integral over the sphere.
+        let rest = self.harmonics[1..].iter().chain(&self.finer);
+        let square: f64 = rest.map(|value| grey(value) * grey(value)).sum();
+        [grey(&self.mean_radiance()), (square / (4.0 * std::f64::consts::PI)).sqrt()]
     }
 }
 
@@ -139,13 +154,16 @@ pub struct InScattering {
     map: Map,
     phase: Phase,
     beams: Vec<Beam>,
+    /// Mean and standard deviation of the world's radiance, beams left out.
+    spread: [f64; 2],
 }
 
 impl InScattering {
     /// Of a world without light, or of one that nothing looks at through rain.
     pub(crate) fn dark(phase: &Phase) -> Self {
         let side = Map::STEPS + 1;
-        Self { map: Map { texels: vec![[0.0; 3]; side * side] }, phase: phase.clone(), beams: Vec::new() }
+        let map = Map { texels: vec![[0.0; 3]; side * side] };
+        Self { map, phase: phase.clone(), beams: Vec::new(), spread: [0.0; 2] }
     }
 
     /// The same with one more distant light: a flash.
@@ -173,6 +191,13 @@ impl InScattering {
         self.map.lookup(direction)
     }
 
+    /// How far drops show their patterns in it, beside lights near by that come to `irradiance` together ([`RainLight::contrast`]).
+    pub(crate) fn contrast_beside(&self, irradiance: f64) -> f32 {
+        let beam = |beam: &Beam| beam.irradiance.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0;
+        let beams: f64 = self.beams.iter().map(beam).sum();
+        contrast_of(self.spread[0], self.spread[1], beams + irradiance)
+    }
+
     /// The phase function.
     pub fn phase(&self) -> &Phase {
         &self.phase
@@ -187,6 +212,10 @@ impl InScattering {
 impl RainLight for InScattering {
     fn radiance(&self, ray: &Ray, _distance: f64) -> [f32; 3] {
         self.radiance(ray.direction)
+    }
+
+    fn contrast(&self, _ray: &Ray, _distance: f64) -> f32 {
+        self.contrast_beside(0.0)
     }
 }
 

@@ -21,13 +21,13 @@ use squall_runtime::transport::solve::SolveSettings;
 use squall_runtime::transport::{Boundary, Cloud};
 use squall_runtime::{Asset, Clouds};
 
-/// A ball of cloud of some ten mean free paths in air, 600 m across.
+/// A ball of cloud in air, some seven mean free paths and 440 m across.
 fn ball() -> Cloud {
-    let shape = GridShape::new(16, 16, 16);
+    let shape = GridShape::new(12, 12, 12);
     let mut cloud = Cloud {
         shape,
         cell_m: [50.0; 3],
-        origin_m: DVec3::new(-400.0, 1000.0, 200.0),
+        origin_m: DVec3::new(-300.0, 1000.0, 200.0),
         extinction: vec![0.0; shape.len()],
         albedo: 0.999,
         g: 0.85,
@@ -35,7 +35,7 @@ fn ball() -> Cloud {
     };
     let middle = 0.5 * (cloud.origin_m + cloud.far_corner());
     for cell in 0..shape.len() {
-        if cloud.centre(shape.cell(cell)).distance(middle) < 300.0 {
+        if cloud.centre(shape.cell(cell)).distance(middle) < 220.0 {
             cloud.extinction[cell] = 0.015;
         }
     }
@@ -43,7 +43,7 @@ fn ball() -> Cloud {
 }
 
 /// Distance between the light grid's virtual lights, m.
-const SPACING_M: f64 = 400.0;
+const SPACING_M: f64 = 300.0;
 
 fn settings(finer: u32, relative_error: f64) -> ResponseSettings {
     ResponseSettings {
@@ -83,7 +83,7 @@ fn stroke() -> Vec<PointLight> {
     let point = |i: usize| {
         let along = i as f64 / 15.0;
         let aside = if i.is_multiple_of(2) { 31.0 } else { -27.0 };
-        let position = DVec3::new(-180.0 + 350.0 * along, 1390.0 + aside, 430.0 + 260.0 * along);
+        let position = DVec3::new(-150.0 + 300.0 * along, 1295.0 + aside, 400.0 + 200.0 * along);
         PointLight { position, intensity: 1.0 + along }
     };
     (0..16).map(point).collect()
@@ -133,7 +133,7 @@ fn a_light_on_a_finer_node_is_relit_as_it_was_solved() {
     let mut clouds = Clouds::new(&asset).unwrap();
     let record = clouds.relighter().response().head.solver.clone();
     // Of level 1 and of level 2.
-    for place in [DVec3::new(-200.0, 1400.0, 600.0), DVec3::new(100.0, 1300.0, 500.0)] {
+    for place in [DVec3::new(-150.0, 1300.0, 500.0), DVec3::new(75.0, 1225.0, 425.0)] {
         let light = [PointLight { position: place, intensity: 2.5 }];
         let wanted = solved(&cloud, &record, &light);
         let error = off(&lit(&mut clouds, &light, PLAIN), &wanted);
@@ -145,7 +145,7 @@ fn a_light_on_a_finer_node_is_relit_as_it_was_solved() {
 fn strokes_come_closer_with_every_level_and_with_every_gather() {
     let cloud = ball();
     let mut before: Option<Vec<f64>> = None;
-    for finer in 0..3 {
+    for finer in 0..2 {
         let (asset, _) = asset(&cloud, &settings(finer, 1e-3));
         let mut clouds = Clouds::new(&asset).unwrap();
         let record = clouds.relighter().response().head.solver.clone();
@@ -157,7 +157,8 @@ fn strokes_come_closer_with_every_level_and_with_every_gather() {
         // The rays of direct light at run time are not those of the truth: 1 % of what they scatter.
         assert!(errors.windows(2).all(|pair| pair[1] < 0.7 * pair[0] + 0.01), "{errors:?}");
         if let Some(before) = before {
-            assert!(errors[0] < 0.7 * before[0], "{errors:?} after {before:?}");
+            // First order in the distance: light has a kink at the lamp.
+            assert!(errors[0] < 0.8 * before[0], "{errors:?} after {before:?}");
         }
         before = Some(errors);
     }
@@ -170,7 +171,7 @@ fn light_solved_for_in_larger_cells_comes_closer_with_every_gather() {
     let mut clouds = Clouds::new(&asset).unwrap();
     let record = clouds.relighter().response().head.solver.clone();
     // Beside the box of virtual lights: no row answers for it.
-    let lights = [PointLight { position: DVec3::new(30.0, 1400.0, 190.0), intensity: 4.0 }];
+    let lights = [PointLight { position: DVec3::new(30.0, 1300.0, 190.0), intensity: 4.0 }];
     let wanted = solved(&cloud, &record, &lights);
     let error = |clouds: &mut Clouds, gathers, live_cells| {
         off(&lit(clouds, &lights, LightQuality { gathers, live_cells }), &wanted)
@@ -178,8 +179,8 @@ fn light_solved_for_in_larger_cells_comes_closer_with_every_gather() {
     let errors = [0, 1, 2, 4].map(|gathers| error(&mut clouds, gathers, 2));
     println!("{errors:.4?}");
     assert!(errors.windows(2).all(|pair| pair[1] < 0.8 * pair[0] + 0.01), "{errors:?}");
-    // A grid that 3 does not divide is solved as it is.
-    assert!(error(&mut clouds, 0, 3) < 0.02);
+    // What does not divide the grid is taken down until it does.
+    assert_eq!(error(&mut clouds, 0, 5).to_bits(), error(&mut clouds, 0, 4).to_bits());
 }
 
 #[test]

@@ -17,16 +17,19 @@ const SIZE: [u32; 2] = [96, 64];
 /// A small storm: a ball of cloud 3 km away, a stroke in it and one below, rain; baked once for all tests here.
 pub(crate) fn sections() -> &'static [OutSection] {
     static BAKED: OnceLock<Vec<OutSection>> = OnceLock::new();
-    BAKED.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        write_scene(folder.path());
-        let recipe = folder.path().join("small.toml");
-        std::fs::write(&recipe, RECIPE).unwrap();
-        pipeline::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap().sections
-    })
+    BAKED.get_or_init(|| bake(RECIPE))
 }
 
-const RECIPE: &str = r#"
+/// The same storm by another recipe.
+pub(crate) fn bake(text: &str) -> Vec<OutSection> {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let recipe = folder.path().join("small.toml");
+    std::fs::write(&recipe, text).unwrap();
+    pipeline::bake(&Recipe::read(&recipe).unwrap(), &Quiet).unwrap().sections
+}
+
+pub(crate) const RECIPE: &str = r#"
 [clouds]
 scene = "ball.json"
 [clouds.lightning]

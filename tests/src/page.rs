@@ -15,7 +15,7 @@ use std::time::Duration;
 /// What page, scripts and module may take in all, bytes.
 const LARGEST_PAGE: u64 = 2_000_000;
 /// What a browser may take to load, draw four pictures and tell, on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(300);
 /// How far a pixel may differ between the module and this build, of 255: nothing, both do the same operations in the same order.
 /// Other architectures may add four lanes in another order, which is a step at most.
 const DIFFERENCE: u8 = if cfg!(target_arch = "x86_64") { 0 } else { 1 };
@@ -49,6 +49,7 @@ try {
   const from = heading();
   while (heading() === from) await new Promise((resolve) => setTimeout(resolve, 20));
   told.status = status.textContent;
+  told.backend = document.getElementById("backend").textContent;
   told.fits = document.documentElement.scrollWidth <= innerWidth;
   told.unnamed = [...document.querySelectorAll("input, button, canvas")].filter(
     (part) => !(part.ariaLabel || part.textContent.trim() || part.labels?.[0]?.textContent.trim())).length;
@@ -80,7 +81,7 @@ fn browser() -> Option<&'static str> {
 /// The page's own files and a module, in a folder, as `squall page` writes them.
 fn folder(module: &Path, asset: &Path) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["index.html", "page.css", "page.js", "worker.js"] {
+    for name in ["index.html", "page.css", "page.js", "gpu.js", "worker.js"] {
         std::fs::copy(root().join("runtime/page/web").join(name), folder.path().join(name)).unwrap();
     }
     std::fs::copy(module, folder.path().join("squall_page.wasm")).unwrap();
@@ -89,14 +90,15 @@ fn folder(module: &Path, asset: &Path) -> tempfile::TempDir {
 }
 
 /// Serves a folder on the loopback until the test ends; what the page tells comes out of the receiver.
-fn serve(folder: &Path) -> (u16, Receiver<Value>) {
+fn serve(folder: &Path, script: &str) -> (u16, Receiver<Value>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     let (send, receive) = channel();
     let (folder, told) = (folder.to_owned(), Arc::new((Mutex::new(false), Condvar::new())));
+    let script: Arc<str> = script.into();
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
-            let (folder, told, send) = (folder.clone(), told.clone(), send.clone());
+            let (folder, told, send, script) = (folder.clone(), told.clone(), send.clone(), script.clone());
             std::thread::spawn(move || {
                 let (path, range, body) = request(&stream);
                 match path.as_str() {
@@ -112,7 +114,7 @@ fn serve(folder: &Path) -> (u16, Receiver<Value>) {
                         drop(waited);
                         answer(&stream, "404 Not Found", "text/plain", b"");
                     }
-                    "/test.js" => answer(&stream, "200 OK", "text/javascript", TEST_SCRIPT.as_bytes()),
+                    "/test.js" => answer(&stream, "200 OK", "text/javascript", script.as_bytes()),
                     _ => file(&stream, &folder, &path, range),
                 }
             });
@@ -178,18 +180,31 @@ fn file(stream: &TcpStream, folder: &Path, path: &str, range: Option<[usize; 2]>
     }
 }
 
-/// What the page tells in a window of some width; with `SQUALL_SCREENSHOT` set to a folder, a picture of it goes there.
-fn played(browser: &str, folder: &Path, width: u32) -> Value {
-    let (port, told) = serve(folder);
+/// No graphics card for a page.
+const WITHOUT_CARD: [&str; 1] = ["--disable-gpu"];
+/// WebGPU on the browser's own adapter in software.
+const WITH_CARD: [&str; 3] =
+    ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
+
+/// What the page tells in a window of some width; with `SQUALL_SCREENSHOT` set to a folder, a picture of it goes there. `query` belongs
+/// to its address.
+fn played(
+    browser: &str,
+    (folder, query): (&Path, &str),
+    width: u32,
+    (flags, script): (&[&str], &str),
+) -> Value {
+    let (port, told) = serve(folder, script);
     let profile = tempfile::tempdir().unwrap();
     let picture =
         std::env::var_os("SQUALL_SCREENSHOT").map_or_else(|| profile.path().to_owned(), PathBuf::from);
     let mut shown = Command::new(browser)
-        .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"])
+        .args(["--headless=new", "--no-sandbox", "--hide-scrollbars"])
+        .args(flags)
         .arg(format!("--user-data-dir={}", profile.path().display()))
         .arg(format!("--screenshot={}", picture.join(format!("page-{width}.png")).display()))
-        .arg(format!("--window-size={width},1000"))
-        .arg(format!("http://127.0.0.1:{port}/"))
+        .arg(format!("--window-size={width},760"))
+        .arg(format!("http://127.0.0.1:{port}/{query}"))
         .stderr(Stdio::null())
         .stdout(Stdio::null())
         .spawn()
@@ -220,9 +235,37 @@ fn from_base64(text: &str) -> Vec<u8> {
     digits.chunks(4).flat_map(group).collect()
 }
 
+/// The pictures that a page told of, each with what a native program's processor draws.
+fn pictures(told: &Value, asset: &Path) -> Vec<(Vec<u8>, Vec<u8>)> {
+    let mut player = Player::default();
+    player.open_whole(&std::fs::read(asset).unwrap()).unwrap();
+    let pair = |(at, frame): (usize, &Value)| {
+        let [width, height] = ["width", "height"].map(|side| frame[side].as_u64().unwrap() as u32);
+        match at {
+            1 => {
+                player.set("rate_mm_per_h", 45.0).unwrap();
+                player.set("fov_deg", 40.0).unwrap();
+            }
+            2 => drop(player.strike(0.5, 0.4).unwrap()),
+            _ => {}
+        }
+        let wanted = player.draw(width, height).unwrap().to_vec();
+        (from_base64(frame["pixels"].as_str().unwrap()), wanted)
+    };
+    told["frames"].as_array().unwrap().iter().enumerate().map(pair).collect()
+}
+
+/// What a page tells however it draws.
+fn check(told: &Value) {
+    assert_eq!(told["errors"], Value::Array(Vec::new()), "{told}");
+    assert_eq!((&told["fits"], &told["unnamed"]), (&Value::Bool(true), &Value::from(0)));
+    assert_eq!(told["refused"], "rate_mm_per_h: wanted 0 to 200, found -1");
+    assert!(told["status"].as_str().unwrap().contains(" px in "), "{}", told["status"]);
+}
+
 #[test]
-fn a_browser_loads_strikes_and_shows_the_pictures_of_a_native_program() {
-    let (Some(module), Some(browser)) = (module("squall-page"), browser()) else { return };
+fn a_browser_without_a_card_loads_strikes_and_shows_the_pictures_of_a_native_program() {
+    let (Some(module), Some(browser)) = (module("squall-page", "page"), browser()) else { return };
     let asset = root().join("data/golden/v1/golden.squall");
     let folder = folder(&module, &asset);
     let own = folder.path().read_dir().unwrap().map(|file| file.unwrap());
@@ -234,36 +277,100 @@ fn a_browser_loads_strikes_and_shows_the_pictures_of_a_native_program() {
 
     // A desk's screen and a telephone's.
     for width in [1200, 500] {
-        let told = played(browser, folder.path(), width);
-        assert_eq!(told["errors"], Value::Array(Vec::new()), "{told}");
-        assert_eq!((&told["fits"], &told["unnamed"]), (&Value::Bool(true), &Value::from(0)), "{width} px");
-        assert_eq!(told["refused"], "rate_mm_per_h: wanted 0 to 200, found -1");
-        assert!(told["status"].as_str().unwrap().contains(" px in "), "{}", told["status"]);
-
-        let mut player = Player::default();
-        player.open_whole(&std::fs::read(&asset).unwrap()).unwrap();
-        let frames = told["frames"].as_array().unwrap();
-        let mut last = Vec::new();
-        for (at, frame) in frames.iter().enumerate() {
-            let [width, height] = ["width", "height"].map(|side| frame[side].as_u64().unwrap() as u32);
-            match at {
-                1 => {
-                    player.set("rate_mm_per_h", 45.0).unwrap();
-                    player.set("fov_deg", 40.0).unwrap();
-                }
-                2 => drop(player.strike(0.5, 0.4).unwrap()),
-                _ => {}
-            }
-            let wanted = player.draw(width, height).unwrap();
-            let found = from_base64(frame["pixels"].as_str().unwrap());
+        let told = played(browser, (folder.path(), ""), width, (&WITHOUT_CARD, TEST_SCRIPT));
+        check(&told);
+        let backend = told["backend"].as_str().unwrap();
+        assert!(backend.starts_with("Drawn by the processor") && backend.contains("WebGPU"), "{backend}");
+        let pictures = pictures(&told, &asset);
+        let mut last = &Vec::new();
+        for (at, (found, wanted)) in pictures.iter().enumerate() {
             assert_eq!(found.len(), wanted.len());
             let off = found.iter().zip(wanted).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(off <= Some(DIFFERENCE), "picture {at} is {off:?} off");
             assert!(found != last, "picture {at} is the one before");
             last = found;
         }
-        assert_eq!(frames.len(), 3);
+        assert_eq!(pictures.len(), 3);
     }
+}
+
+#[test]
+fn a_browser_with_webgpu_draws_the_processors_pictures_on_its_card() {
+    /// Root mean square of the difference, of 255, and the share of values within two levels: what a card's whole pictures keep.
+    const OFF: f64 = 0.5;
+    const WITHIN_TWO: f64 = 0.999;
+    let (Some(module), Some(browser)) = (module("squall-page", "page"), browser()) else { return };
+    let asset = root().join("data/golden/v1/golden.squall");
+    let folder = folder(&module, &asset);
+    let told = played(browser, (folder.path(), ""), 1200, (&WITH_CARD, TEST_SCRIPT));
+    check(&told);
+    let backend = told["backend"].as_str().unwrap();
+    assert!(backend.starts_with("Drawn on the graphics card: "), "{backend}");
+    let pictures = pictures(&told, &asset);
+    assert_eq!(pictures.len(), 3);
+    for (at, (found, wanted)) in pictures.iter().enumerate() {
+        assert_eq!(found.len(), wanted.len());
+        let off: Vec<u8> = found.iter().zip(wanted).map(|(a, b)| a.abs_diff(*b)).collect();
+        let colours = off.len() as f64 * 0.75;
+        let square: f64 = off.iter().map(|&off| f64::from(off) * f64::from(off)).sum();
+        let far = off.iter().filter(|&&off| off > 2).count() as f64;
+        let (off, within) = ((square / colours).sqrt(), 1.0 - far / colours);
+        println!("picture {at}: {off} of 255, {within} within two");
+        assert!(off < OFF && within >= WITHIN_TWO, "picture {at}: {off} of 255, {within} within two");
+        assert!(at == 0 || *found != pictures[at - 1].0, "picture {at} is the one before");
+    }
+    // README.md's picture: docs/page.md.
+    if let Some(asset) = std::env::var_os("SQUALL_SCREENSHOT_ASSET") {
+        std::fs::copy(asset, folder.path().join("asset.squall")).unwrap();
+        let told = played(browser, (folder.path(), "?width=640"), 1200, (&WITH_CARD, SHOWN));
+        assert_eq!(told["errors"], Value::Array(Vec::new()), "{told}");
+    }
+}
+
+/// What is done on the page before a picture of it is taken.
+const SHOWN: &str = r#"
+const told = { errors: window.errors };
+try {
+  await squall.ready;
+  await squall.set({ fov_deg: 50, gain: 4 });
+  await squall.strike(0.6, 0.3);
+} catch (error) {
+  told.errors.push(String(error));
+}
+await fetch("/told", { method: "POST", body: JSON.stringify(told) });
+"#;
+
+#[cfg(feature = "gpu")]
+#[test]
+fn every_shader_compiles_in_a_browser_without_a_word() {
+    const SCRIPT: &str = r#"
+const told = { errors: window.errors, shaders: 0 };
+try {
+  const adapter = await navigator.gpu.requestAdapter();
+  const device = await adapter.requestDevice();
+  for (const { name, code } of SHADERS) {
+    const module = device.createShaderModule({ code });
+    const { messages } = await module.getCompilationInfo();
+    for (const { lineNum, message } of messages) told.errors.push(`${name}, line ${lineNum}: ${message}`);
+    told.shaders += 1;
+  }
+} catch (error) {
+  told.errors.push(String(error));
+}
+await fetch("/told", { method: "POST", body: JSON.stringify(told) });
+"#;
+    let Some(browser) = browser() else { return };
+    let shaders: Vec<Value> = squall_runtime::gpu::shaders()
+        .map(|(name, code)| serde_json::json!({ "name": name, "code": code }))
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("index.html"), "<!doctype html><main></main></html>").unwrap();
+    let script = format!("const SHADERS = {};{SCRIPT}", Value::from(shaders.clone()));
+    let told = played(browser, (folder.path(), ""), 600, (&WITH_CARD, &script));
+    assert_eq!(
+        (&told["errors"], &told["shaders"]),
+        (&Value::from(Vec::<Value>::new()), &shaders.len().into())
+    );
 }
 
 #[test]

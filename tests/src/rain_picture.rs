@@ -239,7 +239,7 @@ impl Kernel for Patch {
         scratch.clear();
         scratch.resize(count.next_multiple_of(4), share);
         for y in top.max(clip.top)..bottom.min(clip.bottom) {
-            put(Span { x, y, count, shares: scratch });
+            put(Span { x, y, count, shares: scratch, covers: None });
         }
     }
 }

@@ -19,8 +19,8 @@ const DIFFERENCE: f64 = if cfg!(target_arch = "x86_64") { 0.0 } else { 1e-5 };
 /// A compiler for wasm32 where the usual one cannot: what `.ci/wasm-target` prints.
 const COMPILER: &str = "SQUALL_WASM_RUSTC";
 
-/// The module of a crate, built in release; `None` (said aloud) without the target.
-pub fn module(package: &str) -> Option<PathBuf> {
+/// The module of a crate, built in profile `profile`; `None` (said aloud) without the target.
+pub fn module(package: &str, profile: &str) -> Option<PathBuf> {
     let compiler = std::env::var_os(COMPILER).unwrap_or_else(usual_rustc);
     let library = rustc(&compiler, &["--print", "target-libdir", "--target", TARGET]);
     if library.is_empty() || !Path::new(&library).is_dir() {
@@ -30,14 +30,14 @@ pub fn module(package: &str) -> Option<PathBuf> {
     // A folder of its own, since whoever runs the tests may hold the lock of the usual one.
     let folder = root().join("target/wasm32");
     let output = cargo()
-        .args(["build", "--release", "--locked", "--offline", "--quiet", "-p", package])
+        .args(["build", "--profile", profile, "--locked", "--quiet", "-p", package])
         .args(["--target", TARGET, "--target-dir"])
         .arg(&folder)
         .env("RUSTC", compiler)
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    Some(folder.join(TARGET).join("release").join(package.replace('-', "_")).with_extension("wasm"))
+    Some(folder.join(TARGET).join(profile).join(package.replace('-', "_")).with_extension("wasm"))
 }
 
 /// Oldest Node that runs what rustc makes: older ones lack parts of WebAssembly that it takes for granted.
@@ -98,7 +98,7 @@ fn native((name, [x, y, z, intensity], viewer): Case) -> Vec<f32> {
 
 #[test]
 fn the_runtime_builds_for_wasm32_without_map_and_threads_and_imports_nothing() {
-    let Some(module) = module("squall-wasm") else { return };
+    let Some(module) = module("squall-wasm", "release") else { return };
     let bytes = std::fs::read(module).unwrap();
     assert!(bytes.starts_with(b"\0asm\x01\0\0\0"));
     // Sections are an identifier and a length; imports have identifier 2.
@@ -122,7 +122,7 @@ fn the_runtime_builds_for_wasm32_without_map_and_threads_and_imports_nothing() {
 #[test]
 fn light_that_the_module_gives_in_node_is_that_of_a_native_program_cell_by_cell() {
     let Some(node) = node() else { return };
-    let Some(module) = module("squall-wasm") else { return };
+    let Some(module) = module("squall-wasm", "release") else { return };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("values.f32");
     for case in CASES {
@@ -155,7 +155,7 @@ fn light_that_the_module_gives_in_node_is_that_of_a_native_program_cell_by_cell(
 #[test]
 fn what_the_module_refuses_node_says_in_the_runtimes_words() {
     let Some(node) = node() else { return };
-    let Some(module) = module("squall-wasm") else { return };
+    let Some(module) = module("squall-wasm", "release") else { return };
     let text = root().join("Cargo.toml");
     let cut = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(cut.path(), &std::fs::read(golden("v1/golden.squall")).unwrap()[..9000]).unwrap();

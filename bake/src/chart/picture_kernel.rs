@@ -280,7 +280,7 @@ impl Kernel for PictureSet {
             line.clear();
             line.extend(shares[first..=last].iter().map(|&share| share as f32));
             line.resize(count.next_multiple_of(BLOCK), 0.0);
-            put(Span { x: clip.left + first as i32, y, count, shares: line });
+            put(Span { x: clip.left + first as i32, y, count, shares: line, covers: None });
         }
     }
 }

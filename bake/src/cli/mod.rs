@@ -12,6 +12,7 @@ mod chart;
 mod common;
 mod depfile;
 mod diff;
+mod export;
 mod folder;
 mod inspect;
 pub mod interrupt;
@@ -56,6 +57,7 @@ enum Command {
     Diff(diff::Args),
     Chart(chart::Args),
     Page(page::Args),
+    Export(export::Args),
     /// Turns pictures of streaks into cosines, and says how well.
     #[command(subcommand)]
     Streaks(streaks::Command),
@@ -79,6 +81,7 @@ impl Cli {
             Command::Diff(args) => ("diff", args.json()),
             Command::Chart(_) => ("chart", false),
             Command::Page(args) => ("page", args.json()),
+            Command::Export(args) => ("export", args.json()),
             Command::Streaks(command) => (command.name(), command.json()),
             Command::Synth(command) => command.json(),
         };
@@ -100,6 +103,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Diff(args) => diff::run(args),
         Command::Chart(args) => chart::run(args),
         Command::Page(args) => page::run(args),
+        Command::Export(args) => export::run(args),
         Command::Streaks(command) => streaks::run(command),
         Command::Synth(command) => synth::run(command),
     }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// Makes a web page that plays an asset: a folder of files for any static server.
 ///
-/// The page draws on its visitor's processor, fetches of the asset what it shows, and strikes where somebody clicks.
+/// The page draws with WebGPU, or on its visitor's processor where a browser has none, and strikes where somebody clicks.
 #[derive(clap::Args)]
 pub struct Args {
     /// The asset.
@@ -19,7 +19,7 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// The page's module. If left out, squall_page.wasm beside this command, or where cargo puts it in a clone:
-    /// `cargo build --release -p squall-page --target wasm32-unknown-unknown`.
+    /// `cargo build --profile page -p squall-page --target wasm32-unknown-unknown`.
     #[arg(long, value_name = "FILE")]
     module: Option<PathBuf>,
     /// Print one JSON object instead of words: docs/json.md.
@@ -35,10 +35,11 @@ impl Args {
 }
 
 /// The page's own files. They belong to crate `squall-page`, whose module they call.
-const FILES: [(&str, &str); 4] = [
+const FILES: [(&str, &str); 5] = [
     ("index.html", include_str!("../../../runtime/page/web/index.html")),
     ("page.css", include_str!("../../../runtime/page/web/page.css")),
     ("page.js", include_str!("../../../runtime/page/web/page.js")),
+    ("gpu.js", include_str!("../../../runtime/page/web/gpu.js")),
     ("worker.js", include_str!("../../../runtime/page/web/worker.js")),
 ];
 const MODULE: &str = "squall_page.wasm";
@@ -92,13 +93,13 @@ fn module(named: Option<&Path>) -> Result<PathBuf, BakeError> {
     }
     let beside = std::env::current_exe().ok().and_then(|command| Some(command.parent()?.to_owned()));
     let folders = beside.iter().flat_map(|folder| {
-        let built = folder.join("../wasm32-unknown-unknown/release");
+        let built = folder.join("../wasm32-unknown-unknown/page");
         [folder.clone(), built]
     });
     let found = folders.map(|folder| folder.join(MODULE)).find(|path| path.is_file());
     found.ok_or_else(|| {
         let wanted = "the page's module beside this command, or --module FILE \
-                      (cargo build --release -p squall-page --target wasm32-unknown-unknown makes it)";
+                      (cargo build --profile page -p squall-page --target wasm32-unknown-unknown makes it)";
         BakeError::input(Path::new(MODULE), "module", wanted, "none")
     })
 }

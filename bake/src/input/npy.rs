@@ -1,4 +1,5 @@
-//! NumPy's array files (.npy): a header in Python's own notation, then the numbers. Read strictly, as far as a picture's numbers need.
+//! NumPy's array files (.npy): a header in Python's own notation, then the numbers. Read strictly, as far as numbers of pictures and
+//! grids need.
 
 use super::Input;
 use super::picture::MAX_PIXELS;
@@ -11,6 +12,8 @@ const MAX_HEADER_BYTES: usize = 1 << 16;
 /// What an array's numbers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Number {
+    /// 16-bit floats.
+    F16,
     /// 32-bit floats.
     F32,
     /// 64-bit floats.
@@ -22,7 +25,7 @@ pub enum Number {
 impl Number {
     fn bytes(self) -> usize {
         match self {
-            Self::U16 => 2,
+            Self::F16 | Self::U16 => 2,
             Self::F32 => 4,
             Self::F64 => 8,
         }
@@ -52,62 +55,130 @@ pub fn is_npy(input: &Input) -> bool {
 /// Errors: a header that is longer than 64 KiB or not understood, another type or shape, more than [`MAX_PIXELS`] numbers, a file that is
 /// not exactly as long as they take.
 pub fn read_npy(input: &Input) -> Result<Array, BakeError> {
-    let refused = |field: &str, wanted: &str, found: String| {
-        BakeError::input(&input.path, format!("npy {field}"), wanted, found)
-    };
-    let bytes = input.bytes.as_slice();
-    let (version, length_bytes) = match bytes.get(6..8) {
-        Some([1, _]) => (1, 2),
-        Some([version @ (2 | 3), _]) => (*version, 4),
-        Some([version, _]) => return Err(refused("version", "1, 2 or 3", version.to_string())),
-        _ => return Err(refused("header", "a whole one", "the end of the file".into())),
-    };
-    debug_assert!(version >= 1);
-    let cut = || refused("header", "a whole one", "the end of the file".into());
-    let length = bytes.get(8..8 + length_bytes).ok_or_else(cut)?;
-    let length = length.iter().rev().fold(0usize, |sum, &byte| sum << 8 | usize::from(byte));
-    if length > MAX_HEADER_BYTES {
-        return Err(refused("header", "at most 65536 bytes", format!("{length} bytes")));
-    }
-    let start = 8 + length_bytes;
-    let header = bytes.get(start..start + length).ok_or_else(cut)?;
-    let header = std::str::from_utf8(header);
-    let header = header.map_err(|_| refused("header", "text", "bytes that are no UTF-8".into()))?;
-    let (descr, by_columns, shape) = parse(header).ok_or_else(|| {
-        let shown: String = header.chars().take(120).collect();
-        refused("header", "{'descr': …, 'fortran_order': …, 'shape': …}", shown.trim_end().to_owned())
-    })?;
-    let (big_endian, number) = match descr.as_str() {
-        "<f4" => (false, Number::F32),
-        "<f8" => (false, Number::F64),
-        "<u2" => (false, Number::U16),
-        ">f4" => (true, Number::F32),
-        ">f8" => (true, Number::F64),
-        ">u2" => (true, Number::U16),
-        other => return Err(refused("descr", "f4, f8 or u2, such as '<f4'", format!("'{other}'"))),
-    };
+    let header =
+        Header::read(input, &[Number::F32, Number::F64, Number::U16], "f4, f8 or u2, such as '<f4'")?;
+    let shape = &header.shape;
     let sides: Vec<u64> = shape.iter().copied().filter(|&side| side != 1).collect();
     let (height, width) = match (shape.as_slice(), sides.as_slice()) {
         (&[height, width], _) | (&[height, width, 1] | &[1, height, width], _) => (height, width),
-        _ => return Err(refused("shape", "rows and columns", format!("{shape:?}"))),
+        _ => return Err(refused(input, "shape", "rows and columns", format!("{shape:?}"))),
     };
-    let count = height.checked_mul(width).filter(|count| (1..=MAX_PIXELS).contains(count));
-    let count = count.ok_or_else(|| {
-        let wanted = format!("1 to {MAX_PIXELS} numbers");
-        BakeError::input(&input.path, "npy shape", wanted, format!("{height} × {width}"))
-    })? as usize;
-    let data = &bytes[start + length..];
-    let wanted = count * number.bytes();
-    if data.len() != wanted {
-        return Err(refused("length", &format!("{wanted} bytes of numbers"), data.len().to_string()));
-    }
-    let values = data.chunks_exact(number.bytes()).map(|bytes| value(number, big_endian, bytes));
+    let count = header.checked_count(input, &[height, width], MAX_PIXELS)?;
+    let mut values: Vec<f64> = header.values(input, count)?.collect();
     let (width, height) = (width as usize, height as usize);
-    let mut values: Vec<f64> = values.collect();
-    if by_columns {
+    if header.by_columns {
         values = (0..count).map(|at| values[at % width * height + at / width]).collect();
     }
-    Ok(Array { width, height, number, values })
+    Ok(Array { width, height, number: header.number, values })
+}
+
+/// A box of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Box3 {
+    /// Cells along the array's axes 0, 1 and 2.
+    pub counts: [usize; 3],
+    /// The values, axis 0 fastest, whatever the file's order.
+    pub values: Vec<f32>,
+}
+
+/// Reads an array of three axes, of f2, f4 or f8 in either byte order, C's or Fortran's; at most `most` numbers.
+///
+/// Errors: as of [`read_npy`].
+pub fn read_npy_box(input: &Input, most: u64) -> Result<Box3, BakeError> {
+    let header =
+        Header::read(input, &[Number::F16, Number::F32, Number::F64], "f2, f4 or f8, such as '<f4'")?;
+    let &[nx, ny, nz] = header.shape.as_slice() else {
+        return Err(refused(input, "shape", "three axes: x, y, z", format!("{:?}", header.shape)));
+    };
+    let count = header.checked_count(input, &[nx, ny, nz], most)?;
+    let mut values: Vec<f32> = header.values(input, count)?.map(|value| value as f32).collect();
+    let counts = [nx, ny, nz].map(|side| side as usize);
+    if !header.by_columns {
+        let [nx, ny, nz] = counts;
+        let stored = |at: usize| (at % nx * ny + at / nx % ny) * nz + at / (nx * ny);
+        values = (0..count).map(|at| values[stored(at)]).collect();
+    }
+    Ok(Box3 { counts, values })
+}
+
+fn refused(input: &Input, field: &str, wanted: impl ToString, found: String) -> BakeError {
+    BakeError::input(&input.path, format!("npy {field}"), wanted.to_string(), found)
+}
+
+/// What stands before the numbers.
+struct Header {
+    number: Number,
+    big_endian: bool,
+    by_columns: bool,
+    shape: Vec<u64>,
+    /// Bytes before the numbers.
+    length: usize,
+}
+
+impl Header {
+    /// Reads it; numbers are one of `allowed`, in words.
+    fn read(input: &Input, allowed: &[Number], words: &str) -> Result<Self, BakeError> {
+        let bytes = input.bytes.as_slice();
+        let length_bytes = match bytes.get(6..8) {
+            Some([1, _]) => 2,
+            Some([2 | 3, _]) => 4,
+            Some([version, _]) => return Err(refused(input, "version", "1, 2 or 3", version.to_string())),
+            _ => return Err(refused(input, "header", "a whole one", "the end of the file".into())),
+        };
+        let cut = || refused(input, "header", "a whole one", "the end of the file".into());
+        let length = bytes.get(8..8 + length_bytes).ok_or_else(cut)?;
+        let length = length.iter().rev().fold(0usize, |sum, &byte| sum << 8 | usize::from(byte));
+        if length > MAX_HEADER_BYTES {
+            return Err(refused(input, "header", "at most 65536 bytes", format!("{length} bytes")));
+        }
+        let start = 8 + length_bytes;
+        let header = bytes.get(start..start + length).ok_or_else(cut)?;
+        let header = std::str::from_utf8(header);
+        let header =
+            header.map_err(|_| refused(input, "header", "text", "bytes that are no UTF-8".into()))?;
+        let (descr, by_columns, shape) = parse(header).ok_or_else(|| {
+            let shown: String = header.chars().take(120).collect();
+            let wanted = "{'descr': …, 'fortran_order': …, 'shape': …}";
+            refused(input, "header", wanted, shown.trim_end().to_owned())
+        })?;
+        let number = match descr.get(1..) {
+            Some("f2") => Some(Number::F16),
+            Some("f4") => Some(Number::F32),
+            Some("f8") => Some(Number::F64),
+            Some("u2") => Some(Number::U16),
+            _ => None,
+        };
+        let big_endian = descr.starts_with('>');
+        match number.filter(|number| allowed.contains(number) && (big_endian || descr.starts_with('<'))) {
+            Some(number) => Ok(Self { number, big_endian, by_columns, shape, length: start + length }),
+            None => Err(refused(input, "descr", words, format!("'{descr}'"))),
+        }
+    }
+
+    /// The product of `sides`, from 1 to `most`.
+    fn checked_count(&self, input: &Input, sides: &[u64], most: u64) -> Result<usize, BakeError> {
+        let count = sides.iter().try_fold(1u64, |product, &side| product.checked_mul(side));
+        count.filter(|count| (1..=most).contains(count)).map(|count| count as usize).ok_or_else(|| {
+            let found: Vec<String> = sides.iter().map(u64::to_string).collect();
+            refused(input, "shape", format!("1 to {most} numbers"), found.join(" × "))
+        })
+    }
+
+    /// The numbers, in the file's order.
+    fn values<'a>(
+        &self,
+        input: &'a Input,
+        count: usize,
+    ) -> Result<impl Iterator<Item = f64> + use<'a>, BakeError> {
+        let data = &input.bytes[self.length..];
+        let wanted = count * self.number.bytes();
+        if data.len() != wanted {
+            let found = data.len().to_string();
+            return Err(refused(input, "length", format!("{wanted} bytes of numbers"), found));
+        }
+        let (number, big_endian) = (self.number, self.big_endian);
+        Ok(data.chunks_exact(number.bytes()).map(move |bytes| value(number, big_endian, bytes)))
+    }
 }
 
 fn value(number: Number, big_endian: bool, bytes: &[u8]) -> f64 {
@@ -117,6 +188,7 @@ fn value(number: Number, big_endian: bool, bytes: &[u8]) -> f64 {
     }
     let [a, b, c, d, ..] = ordered;
     match number {
+        Number::F16 => f64::from(half::f16::from_le_bytes([a, b]).to_f32()),
         Number::U16 => f64::from(u16::from_le_bytes([a, b])),
         Number::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
         Number::F64 => f64::from_le_bytes(ordered),

@@ -3,7 +3,9 @@
 use crate::error::BakeError;
 use crate::input::facts::{self, Order};
 use crate::input::json::{parse_json, read_text_input};
-use crate::input::{Fingerprint, Grid, read_grid_file, read_json};
+use crate::input::vdb::Up;
+use crate::input::volume::{Kind, MAX_CELLS, Volume, kind_of_grid, read_npy_file, read_vdb_file};
+use crate::input::{Fingerprint, read_grid_file, read_json};
 pub use crate::recipe::model::Optics;
 use glam::DVec3;
 use serde::Deserialize;
@@ -22,6 +24,8 @@ pub struct Scene {
     pub file: PathBuf,
     /// Every file that was read for it, as it was when it was read: the scene's own, then the grid that it names.
     pub inputs: Vec<Fingerprint>,
+    /// What was done to the grid that the file holds, in words; "as given" where nothing was.
+    pub grid_made: String,
     /// Extinction grid and optics.
     pub cloud: Cloud,
     /// Lights, in the file's order.
@@ -59,6 +63,10 @@ struct SceneFile {
     albedo: Option<f64>,
     g: Option<f64>,
     boundary: Option<String>,
+    grid: Option<String>,
+    up: Option<UpName>,
+    metres_per_unit: Option<f64>,
+    resample_to: Option<[u32; 3]>,
     #[serde(default)]
     lights: Vec<LightFile>,
     #[serde(default)]
@@ -72,6 +80,13 @@ struct SceneFile {
     index: Option<String>,
     interpolation: Option<String>,
     sigma_t_max_per_m: Option<f64>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum UpName {
+    Y,
+    Z,
 }
 
 #[derive(Deserialize)]
@@ -134,7 +149,7 @@ pub fn scene_files(path: &Path) -> Result<[PathBuf; 2], BakeError> {
 pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
     let input = read_text_input(path)?;
     let file: SceneFile = parse_json(&input, SCENE)?;
-    let (cloud, grid) = file.cloud(path, optics)?;
+    let (cloud, grid, grid_made) = file.cloud(path, optics)?;
     let mut lights = Vec::new();
     for (i, light) in file.lights.iter().enumerate() {
         let name = light.name.clone().unwrap_or_else(|| format!("light{i}"));
@@ -147,7 +162,14 @@ pub fn read_scene(path: &Path, optics: Optics) -> Result<Scene, BakeError> {
     }
     check_names(path, "lights", lights.iter().map(|(name, _)| name))?;
     check_names(path, "cameras", cameras.iter().map(|(name, _)| name))?;
-    Ok(Scene { file: path.to_owned(), inputs: vec![input.fingerprint(), grid], cloud, lights, cameras })
+    Ok(Scene {
+        file: path.to_owned(),
+        inputs: vec![input.fingerprint(), grid],
+        grid_made,
+        cloud,
+        lights,
+        cameras,
+    })
 }
 
 impl SceneFile {
@@ -179,25 +201,12 @@ impl SceneFile {
         order.map_err(|refusal| bad("index", refusal))
     }
 
-    /// The cloud, and which file its grid came from.
-    fn cloud(&self, path: &Path, optics: Optics) -> Result<(Cloud, Fingerprint), BakeError> {
+    /// The cloud, which file its grid came from, and what was done to that.
+    fn cloud(&self, path: &Path, optics: Optics) -> Result<(Cloud, Fingerprint, String), BakeError> {
         let bad = |field: &str, wanted: &str, found: &dyn std::fmt::Display| {
             BakeError::input(path, field, wanted, found)
         };
-        let grid_file = self.grid_file(path)?;
         let order = self.facts(path)?;
-        let [nx, ny, nz] = self.dims_xyz.ok_or_else(|| bad("dims_xyz", "three counts", &"nothing"))?;
-        let shape = GridShape::new(nx, ny, nz);
-        let Some(count) = shape.checked_len().filter(|&cells| cells <= MAX_CELLS) else {
-            return Err(bad("dims_xyz", "1 to 2^28 cells", &format!("{nx} × {ny} × {nz}")));
-        };
-        let cell_m = match self.cell_m {
-            Some(CellSize::Cube(edge)) => [edge; 3],
-            Some(CellSize::Box(edges)) => edges,
-            None => return Err(bad("cell_m", "an edge in metres, or three", &"nothing")),
-        };
-        let origin =
-            self.origin_m.ok_or_else(|| bad("origin_m", "the grid's corner, three metres", &"nothing"))?;
         let boundary = match self.boundary.as_deref() {
             None | Some("open") => Boundary::Open,
             Some("periodic_xy") => Boundary::PeriodicXy,
@@ -208,20 +217,120 @@ impl SceneFile {
         let albedo = optics.albedo.or(self.albedo).ok_or_else(|| bad("albedo", "0 to 1", &"nothing"))?;
         let g = optics.g.or(self.g).ok_or_else(|| bad("g", "between -1 and 1", &"nothing"))?;
         let kappa = self.kappa(path, optics)?;
-        let grid = read_grid_file(&beside(path, grid_file), count)?;
-        let extinction = self.extinction(path, &grid, kappa, cell_m)?;
+        let (volume, input) = self.volume(path, order)?;
+        let (volume, made) = self.brought_to_cells(path, volume, &input.path)?;
+        let Volume { shape, cell_m, origin_m, values } = volume;
+        let extinction = self.extinction(path, &values, kappa, cell_m)?;
         if let (Some(stated), None) = (self.sigma_t_max_per_m, optics.kappa_per_m) {
             let densest = extinction.iter().fold(0.0f32, |most, &value| most.max(value));
             facts::largest_extinction(stated, f64::from(densest))
                 .map_err(|(wanted, found)| bad("sigma_t_max_per_m", wanted, &found))?;
         }
-        let extinction = match order {
-            Order::XFastest => extinction,
-            Order::ZFastest => x_fastest(&extinction, [nx, ny, nz].map(|n| n as usize)),
+        let cloud = Cloud { shape, cell_m, origin_m, extinction, albedo, g, boundary };
+        Ok((cloud.checked().map_err(|error| named(path, error))?, input, made))
+    }
+
+    /// The grid as its file holds it, where the scene or the file says that it lies.
+    fn volume(&self, path: &Path, order: Order) -> Result<(Volume, Fingerprint), BakeError> {
+        let bad = |field: &str, wanted: &str, found: &dyn std::fmt::Display| {
+            BakeError::input(path, field, wanted, found)
         };
-        let cloud =
-            Cloud { shape, cell_m, origin_m: DVec3::from_array(origin), extinction, albedo, g, boundary };
-        Ok((cloud.checked().map_err(|error| named(path, error))?, grid.input))
+        let file = beside(path, self.grid_file(path)?);
+        let kind = kind_of_grid(&file)?;
+        if kind == Kind::Vdb {
+            return self.vdb(path, &file);
+        }
+        let only_vdb = [
+            ("grid", self.grid.is_some()),
+            ("up", self.up.is_some()),
+            ("metres_per_unit", self.metres_per_unit.is_some()),
+        ];
+        if let Some((key, _)) = only_vdb.iter().find(|(_, stated)| *stated) {
+            return Err(bad(key, "nothing: only an OpenVDB file has it open", &"a value"));
+        }
+        let cell_m = match self.cell_m {
+            Some(CellSize::Cube(edge)) => [edge; 3],
+            Some(CellSize::Box(edges)) => edges,
+            None => return Err(bad("cell_m", "an edge in metres, or three", &"nothing")),
+        };
+        let origin =
+            self.origin_m.ok_or_else(|| bad("origin_m", "the grid's corner, three metres", &"nothing"))?;
+        let origin_m = DVec3::from_array(origin);
+        if kind == Kind::Npy {
+            if self.index.is_some() {
+                return Err(bad("index", "nothing: the array says it itself", &"words"));
+            }
+            let (shape, values, input) = read_npy_file(&file)?;
+            if let Some(stated) = self.dims_xyz.filter(|&[nx, ny, nz]| GridShape::new(nx, ny, nz) != shape) {
+                let [nx, ny, nz] = shape.to_array();
+                return Err(bad(
+                    "dims_xyz",
+                    &format!("{nx} × {ny} × {nz}, as the array has"),
+                    &shown(stated),
+                ));
+            }
+            return Ok((Volume { shape, cell_m, origin_m, values }, input));
+        }
+        let dims = self.dims_xyz.ok_or_else(|| bad("dims_xyz", "three counts", &"nothing"))?;
+        let shape = checked_shape(path, "dims_xyz", dims)?;
+        let grid = read_grid_file(&file, shape.len())?;
+        let values = match order {
+            Order::XFastest => grid.values,
+            Order::ZFastest => x_fastest(&grid.values, dims.map(|n| n as usize)),
+        };
+        Ok((Volume { shape, cell_m, origin_m, values }, grid.input))
+    }
+
+    /// An OpenVDB grid: the file says its cells and where it lies, unless the scene moves it.
+    fn vdb(&self, path: &Path, file: &Path) -> Result<(Volume, Fingerprint), BakeError> {
+        let of_file = [
+            ("dims_xyz", self.dims_xyz.is_some()),
+            ("cell_m", self.cell_m.is_some()),
+            ("index", self.index.is_some()),
+        ];
+        if let Some((key, _)) = of_file.iter().find(|(_, stated)| *stated) {
+            let wanted =
+                "nothing: the OpenVDB file says it (metres_per_unit scales it, resample_to cuts it anew)";
+            return Err(BakeError::input(path, *key, wanted, "a value"));
+        }
+        let unit = self.metres_per_unit.unwrap_or(1.0);
+        if !(unit > 0.0 && unit.is_finite()) {
+            return Err(BakeError::input(path, "metres_per_unit", "above 0, m", unit));
+        }
+        let up = match self.up {
+            None | Some(UpName::Z) => Up::Z,
+            Some(UpName::Y) => Up::Y,
+        };
+        let (mut volume, input) = read_vdb_file(file, self.grid.as_deref(), up, unit)?;
+        if let Some(origin) = self.origin_m {
+            volume.origin_m = DVec3::from_array(origin);
+        }
+        Ok((volume, input))
+    }
+
+    /// The grid in the cells that `resample_to` asks for, and what was done, in words.
+    fn brought_to_cells(
+        &self,
+        path: &Path,
+        given: Volume,
+        file: &Path,
+    ) -> Result<(Volume, String), BakeError> {
+        let Some(counts) = self.resample_to else { return Ok((given, "as given".into())) };
+        let shape = checked_shape(path, "resample_to", counts)?;
+        if shape == given.shape {
+            return Ok((given, "as given".into()));
+        }
+        let new = given.resampled(shape);
+        let change = if given.mass() > 0.0 { new.mass() / given.mass() - 1.0 } else { 0.0 };
+        let [nx, ny, nz] = given.shape.to_array();
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let edges = |cell: [f64; 3]| cell.map(|edge| format!("{edge:.4}")).join(" × ");
+        let made = format!(
+            "means of {name}'s {nx} × {ny} × {nz} cells of {} m, now {} m; mass changed by {change:.1e}",
+            edges(given.cell_m),
+            edges(new.cell_m),
+        );
+        Ok((new, made))
     }
 
     /// Extinction of density 1, 1/m.
@@ -242,11 +351,11 @@ impl SceneFile {
     fn extinction(
         &self,
         path: &Path,
-        grid: &Grid,
+        values: &[f32],
         kappa: f64,
         cell_m: [f64; 3],
     ) -> Result<Vec<f32>, BakeError> {
-        let densest = grid.values.iter().fold(0.0f32, |most, &rho| most.max(rho));
+        let densest = values.iter().fold(0.0f32, |most, &rho| most.max(rho));
         let extinction = f64::from(densest) * kappa;
         let longest = cell_m.iter().fold(0.0f64, |most, &edge| most.max(edge));
         let from = match self.extinction_file {
@@ -263,8 +372,22 @@ impl SceneFile {
                 format!("{:.3e}, of {extinction:.3e} 1/m{from} over {longest} m", extinction * longest);
             return Err(BakeError::input(path, "extinction", wanted, found));
         }
-        Ok(grid.values.iter().map(|&rho| (f64::from(rho) * kappa) as f32).collect())
+        Ok(values.iter().map(|&rho| (f64::from(rho) * kappa) as f32).collect())
     }
+}
+
+/// Counts of cells that are not too many. Errors: 0 along an axis, more than 2²⁸ in all.
+fn checked_shape(path: &Path, field: &str, counts: [u32; 3]) -> Result<GridShape, BakeError> {
+    let [nx, ny, nz] = counts;
+    let shape = GridShape::new(nx, ny, nz);
+    match shape.checked_len().filter(|&cells| cells <= MAX_CELLS) {
+        Some(_) => Ok(shape),
+        None => Err(BakeError::input(path, field, "1 to 2^28 cells", shown(counts))),
+    }
+}
+
+fn shown([nx, ny, nz]: [u32; 3]) -> String {
+    format!("{nx} × {ny} × {nz}")
 }
 
 /// A grid whose file has z fastest, with x fastest.
@@ -303,9 +426,6 @@ fn check_names<'a>(
 const MOST_EXTINCTION: f64 = 1e5;
 /// Optical depth of one cell beyond which nothing inside it can be told apart, and solving takes for ever.
 const MOST_DEPTH: f64 = 1e4;
-
-/// More cells than this are refused before memory is taken.
-const MAX_CELLS: usize = 1 << 28;
 
 /// Reads LAMPS.json: a list of point lights. Keys `name` and `note` are for people.
 pub fn read_lights(path: &Path) -> Result<Vec<PointLight>, BakeError> {

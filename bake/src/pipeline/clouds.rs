@@ -41,7 +41,7 @@ pub(super) fn clouds(
     let inputs = scene.inputs.iter().map(|input| input_record(recipe, input)).collect();
     let [nx, ny, nz] = scene.cloud.shape.to_array();
     let made = format!("{nx} × {ny} × {nz} cells");
-    let mut grid = clock.report("cloud grid", made, 0, "as given".into());
+    let mut grid = clock.report("cloud grid", made, 0, scene.grid_made.clone());
     let light_cells = in_light_cells(recipe, clouds, &scene.cloud)?;
     let mut site = Site::new(recipe, clouds, light_cells.as_ref().unwrap_or(&scene.cloud));
     site.cache = cache;

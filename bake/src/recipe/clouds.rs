@@ -194,9 +194,7 @@ impl CloudsFile {
         // A recipe that says what is good enough, or from where it is looked at, has no use for what nobody can reach.
         self.check_finer(&lights, &settings, &budget, source)?;
         (settings.finer, settings.spacing_m) = (lights.levels, lights.spacing_m);
-        settings.seen_only |= self.response.seen_only.is_none() && (lights.levels > 0 || lights.in_cloud);
         if budget.needs_held_out() || settings.view_region.is_some() {
-            settings.seen_only = self.response.seen_only.unwrap_or(true);
             let boxed = lights.low_m.is_some() || lights.high_m.is_some();
             if self.lightning.place.is_none() {
                 lights.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
@@ -370,8 +368,9 @@ impl CloudsFile {
                 [0.0, 0.9],
                 "of a source's light",
             )?,
-            // Set where budget and view region are known.
-            seen_only: response.seen_only.unwrap_or(false),
+            // Air costs next to nothing, but in the papers' own layout, which has every cell.
+            seen_only: response.seen_only.unwrap_or(!matches!(response.codec, Some(CodecName::Paper))),
+            // Set where it is known.
             view_region: None,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,

@@ -11,9 +11,13 @@
 //! | `squall_get()` | that control's value; not a number where refused |
 //! | `squall_strike(x, y)` | metres that the stroke stands beside where (x, y), 0 to 1, points; not a number where refused |
 //! | `squall_draw(width, height)` | address of width × height × 4 bytes of RGBA; 0 where refused, or where bytes are wanted |
+//! | `squall_card(on)` | 1 with the card (1) or the processor (0) drawing from now on; 0 where refused, or where bytes are wanted |
+//! | `squall_draw_on_card(width, height)` | the host's number of a texture that the picture is being drawn onto; 0 as of `squall_draw` |
 //! | `squall_streaks()` | streaks of the last picture |
 //! | `squall_bytes(all)` | bytes of the file that came, or all that it has |
 //! | `squall_error()`, `squall_error_length()` | address and bytes of why the last call was refused, UTF-8 |
+//!
+//! The host answers four functions of module `webgpu`: `web/gpu.js`. Without a card none of them is called.
 //!
 //! The memory may grow, and move for JavaScript, in any of them: take a new view of it after each.
 //!
@@ -22,14 +26,48 @@
 
 use crate::{LARGEST_ASSET, Player};
 use squall_runtime::RuntimeError;
+#[cfg(target_family = "wasm")]
+use squall_runtime::{gpu::Gpu, renderer::Backend, wgpu};
 use std::cell::RefCell;
 
 #[derive(Default)]
 struct Session {
     player: Player,
+    #[cfg(target_family = "wasm")]
+    target: Option<Target>,
     room: Vec<u8>,
     wanted: [u64; 2],
     error: String,
+}
+
+/// What a card draws onto.
+#[cfg(target_family = "wasm")]
+struct Target {
+    size: [u32; 2],
+    texture: wgpu::Texture,
+    view: wgpu::TextureView,
+}
+
+/// Rows of it are the bytes that a canvas takes.
+#[cfg(target_family = "wasm")]
+const SHOWN: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+#[cfg(target_family = "wasm")]
+impl Target {
+    fn new(size: [u32; 2]) -> Self {
+        let texture = crate::webgpu::device().0.create_texture(&wgpu::TextureDescriptor {
+            label: Some("shown"),
+            size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: SHOWN,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        Self { size, texture, view }
+    }
 }
 
 thread_local! {
@@ -147,6 +185,45 @@ pub extern "C" fn squall_strike(x: f64, y: f64) -> f64 {
 #[unsafe(no_mangle)]
 pub extern "C" fn squall_draw(width: u32, height: u32) -> *const u8 {
     answer(std::ptr::null(), |session| session.player.draw(width, height).map(<[u8]>::as_ptr))
+}
+
+/// [`Player::set_backend`]: the host's device, or the processor.
+// SAFETY: as of `squall_room`.
+#[cfg(target_family = "wasm")]
+#[unsafe(no_mangle)]
+pub extern "C" fn squall_card(on: u32) -> u32 {
+    answer(0, |session| {
+        session.target = None;
+        let backend = match on {
+            0 => Backend::Cpu,
+            _ => {
+                let (device, queue) = crate::webgpu::device();
+                Backend::Gpu(Gpu::with_device(device, queue)?)
+            }
+        };
+        session.player.set_backend(backend).map(|()| 1)
+    })
+}
+
+/// [`Player::draw_into`]: the texture's number.
+// SAFETY: as of `squall_room`.
+#[cfg(target_family = "wasm")]
+#[unsafe(no_mangle)]
+pub extern "C" fn squall_draw_on_card(width: u32, height: u32) -> u32 {
+    answer(0, |session| {
+        let size = [width, height];
+        if size.iter().any(|side| !(1..=crate::LARGEST).contains(side)) {
+            let wanted = format!("1 to {} px", crate::LARGEST);
+            return Err(RuntimeError::argument("size", wanted, format!("{width} × {height}")));
+        }
+        let target = match session.target.take() {
+            Some(target) if target.size == size => target,
+            _ => Target::new(size),
+        };
+        let target = session.target.insert(target);
+        session.player.draw_into(size, &target.view, SHOWN)?;
+        Ok(crate::webgpu::number_of(&target.texture))
+    })
 }
 
 /// [`Player::streaks`].

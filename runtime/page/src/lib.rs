@@ -6,6 +6,8 @@
 mod controls;
 pub mod exports;
 mod strike;
+#[cfg(target_family = "wasm")]
+mod webgpu;
 
 pub use controls::{CONTROLS, Control};
 
@@ -13,7 +15,11 @@ use controls::Settings;
 use squall_runtime::formats::units::Seconds;
 use squall_runtime::frame::FlashCurve;
 use squall_runtime::ranges::Opening;
+#[cfg(any(feature = "gpu", target_family = "wasm"))]
+use squall_runtime::renderer::Backend;
 use squall_runtime::tone::Tone;
+#[cfg(any(feature = "gpu", target_family = "wasm"))]
+use squall_runtime::wgpu;
 use squall_runtime::{Asset, Flash, Frame, RuntimeError, StormRenderer, Stroke};
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -23,6 +29,8 @@ use std::sync::Arc;
 const STRIKES: usize = 4;
 /// Largest width and height of a picture, px.
 pub const LARGEST: u32 = 4096;
+/// Rows from which on streaks grow with the picture, and their number stays.
+const STATED_ROWS: u32 = 720;
 /// Longest file that is taken, bytes: wasm32 has 4 GiB in all.
 pub const LARGEST_ASSET: u64 = 1 << 30;
 
@@ -187,14 +195,52 @@ impl Player {
     /// Errors: a size out of range; bytes of the file that have not come ([`Player::wanted`] names them; then call again); what
     /// [`StormRenderer::render`] refuses.
     pub fn draw(&mut self, width: u32, height: u32) -> Result<&[u8], RuntimeError> {
-        let storm = self.storm.as_mut().ok_or_else(no_asset)?;
-        if let Err(error) = storm.draw(width, height) {
-            if let RuntimeError::NotFetched { ranges, .. } = &error {
-                self.missing.clone_from(ranges);
-            }
-            return Err(error);
+        self.with_storm(|storm| storm.draw(width, height))?;
+        Ok(&self.storm.as_ref().ok_or_else(no_asset)?.pixels)
+    }
+
+    /// Chooses what draws from now on. A card wants every byte of the asset, of which [`Player::wanted`] then names what has not come.
+    ///
+    /// Errors: bytes of the file that have not come; as [`StormRenderer::set_backend`]; no asset is open.
+    #[cfg(any(feature = "gpu", target_family = "wasm"))]
+    pub fn set_backend(&mut self, backend: Backend) -> Result<(), RuntimeError> {
+        self.with_storm(|storm| storm.renderer.set_backend(backend))
+    }
+
+    /// Draws the storm as it stands onto a texture of the card's, of this size and a format that pictures are shown in. Nothing is
+    /// waited for.
+    ///
+    /// Errors: as [`Player::draw`] and [`StormRenderer::develop_into`]; the processor draws.
+    #[cfg(any(feature = "gpu", target_family = "wasm"))]
+    pub fn draw_into(
+        &mut self,
+        size: [u32; 2],
+        view: &wgpu::TextureView,
+        format: wgpu::TextureFormat,
+    ) -> Result<(), RuntimeError> {
+        self.with_storm(|storm| {
+            let frame = storm.frame(size)?;
+            storm.size = size;
+            let tone = storm.settings.tone(storm.tone);
+            storm.renderer.develop_into(&frame, &tone, view, format).map(drop)
+        })
+    }
+
+    /// The renderer, for what it reports; none where no asset is open.
+    pub fn renderer(&mut self) -> Option<&mut StormRenderer> {
+        self.storm.as_mut().map(|storm| &mut storm.renderer)
+    }
+
+    /// Does what wants an asset, and keeps which of its bytes were lacking.
+    fn with_storm<T>(
+        &mut self,
+        work: impl FnOnce(&mut Storm) -> Result<T, RuntimeError>,
+    ) -> Result<T, RuntimeError> {
+        let done = work(self.storm.as_mut().ok_or_else(no_asset)?);
+        if let Err(RuntimeError::NotFetched { ranges, .. }) = &done {
+            self.missing.clone_from(ranges);
         }
-        Ok(&storm.pixels)
+        done
     }
 
     /// Rain streaks of the last picture.
@@ -220,6 +266,8 @@ impl Storm {
             }
         }
         let mut frame = self.settings.frame(&self.view, size)?;
+        // A large picture has no more drops than one of 720 rows: somebody waits for it.
+        frame.streaks = frame.streaks.for_rows(size[1].max(STATED_ROWS));
         let (opens, exposure) = (self.settings.time(), frame.exposure);
         if !self.settings.is_on("flash") {
             return Ok(frame.dark());

@@ -10,12 +10,12 @@
 const ASSET = "asset.squall";
 /** Seconds of the storm from one picture of a sequence to the next: a film's. */
 const STEP_S = 1 / 24;
-/** Pictures are as wide as the processor draws in so many milliseconds. */
-const BUDGET_MS = 350;
-/** Once nothing changes for so long, one finer picture is made, which may take so many milliseconds. */
+/** Pictures are as wide as is drawn in `ms` milliseconds; once nothing changes for a while, one finer picture may take `still`. */
+const BUDGETS = {
+  processor: { ms: 350, still: 1500, widths: [96, 128, 160, 224, 320, 448, 640] },
+  card: { ms: 40, still: 250, widths: [96, 128, 160, 224, 320, 448, 640, 960, 1280, 1920] },
+};
 const STILL_AFTER_MS = 500;
-const STILL_MS = 1500;
-const WIDTHS = [96, 128, 160, 224, 320, 448, 640];
 
 const canvas = document.getElementById("picture");
 const context = canvas.getContext("2d");
@@ -50,13 +50,18 @@ function say(words, bad = false) {
 }
 
 let picture = { width: 0, height: 0, pixels: new Uint8ClampedArray() };
-let width = WIDTHS[2];
+const query = new URLSearchParams(location.search);
+/** What `?width=` says, for whoever wants pictures of one size however long they take. */
+const FIXED = Math.round(Math.min(4096, Math.max(0, Number(query.get("width")) || 0)));
+
+let budget = BUDGETS.processor;
+let width = FIXED || budget.widths[2];
 let resting;
 let values = {};
 let moved = null;
 
 function size(wide = width) {
-  return { width: wide, height: Math.round((wide * 9) / 16) };
+  return { width: wide, height: Math.max(1, Math.round((wide * 9) / 16)) };
 }
 
 function show(drawn) {
@@ -66,27 +71,40 @@ function show(drawn) {
   context.putImageData(new ImageData(new Uint8ClampedArray(drawn.pixels), drawn.width, drawn.height), 0, 0);
   const share = drawn.came < drawn.all ? `, ${(drawn.came / 1e6).toFixed(1)} of ${(drawn.all / 1e6).toFixed(1)} MB` : "";
   const beside = moved > 1 ? `; the stroke stands ${Math.round(moved)} m from there, where the asset has light` : "";
-  say(`${drawn.width} × ${drawn.height} px in ${Math.round(drawn.ms)} ms, ${drawn.streaks} streaks${share}${beside}`);
+  const streaks = drawn.onCard ? "" : `, ${drawn.streaks} streaks`;
+  say(`${drawn.width} × ${drawn.height} px in ${Math.round(drawn.ms)} ms${streaks}${share}${beside}`);
+  document.getElementById("backend").textContent = drawn.onCard
+    ? `Drawn on the graphics card: ${drawn.card}.`
+    : `Drawn by the processor, at the size that it draws quickly: ${drawn.missing}.`;
 }
 
 /** One step wider or narrower, so that the next picture takes about the budget. */
-function adapt(ms) {
-  const at = WIDTHS.indexOf(width);
-  if (ms > 1.6 * BUDGET_MS && at > 0) width = WIDTHS[at - 1];
-  else if (ms < 0.4 * BUDGET_MS && at < WIDTHS.length - 1) width = WIDTHS[at + 1];
+function adapt(drawn) {
+  if (FIXED) return;
+  const own = drawn.onCard ? BUDGETS.card : BUDGETS.processor;
+  if (own !== budget) {
+    // The first picture of a card waits for its shaders.
+    budget = own;
+    return;
+  }
+  const { ms, widths } = budget;
+  const at = widths.findLastIndex((candidate) => candidate <= width);
+  if (drawn.ms > 1.6 * ms && at > 0) width = widths[at - 1];
+  else if (drawn.ms < 0.4 * ms && at < widths.length - 1) width = widths[at + 1];
+  width = Math.min(width, widths.at(-1));
 }
 
 /** The widest picture that is likely to be made in the time for one at rest. */
 function widest(drawn) {
-  const wide = drawn.width * Math.sqrt(STILL_MS / Math.max(drawn.ms, 1));
-  return WIDTHS.findLast((candidate) => candidate <= wide) ?? WIDTHS[0];
+  const wide = drawn.width * Math.sqrt(budget.still / Math.max(drawn.ms, 1));
+  return budget.widths.findLast((candidate) => candidate <= wide) ?? budget.widths[0];
 }
 
 /** Makes one finer picture when nothing has changed for a while. */
 function rest(drawn) {
   clearTimeout(resting);
   const wide = widest(drawn);
-  if (playing || wide <= drawn.width) return;
+  if (FIXED || playing || wide <= drawn.width) return;
   resting = setTimeout(() => {
     if (!running && !playing) told((running = picture_of(wide)));
   }, STILL_AFTER_MS);
@@ -104,7 +122,7 @@ async function picture_of(wide) {
     const drawn = await call("draw", size(wide));
     show(drawn);
     if (wide !== undefined) return;
-    adapt(drawn.ms);
+    adapt(drawn);
     if (asked === own) rest(drawn);
   } catch (error) {
     say(error.message, true);
@@ -220,12 +238,12 @@ canvas.addEventListener("keydown", (event) => {
 
 async function start() {
   const controls = [...new Set([...inputs.map((input) => input.name), "x_m", "y_m", "z_m"])];
-  values = await call("open", { module: "squall_page.wasm", asset: ASSET, controls });
+  const backend = query.get("backend");
+  values = await call("open", { module: "squall_page.wasm", asset: ASSET, backend, controls });
   reflect();
   await draw();
 }
 
-document.getElementById("backend").textContent = "Drawn by the processor, at the size that it draws quickly.";
 const ready = start();
 told(ready);
 window.squall = { ready, strike, set, frame: () => picture };

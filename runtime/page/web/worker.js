@@ -1,6 +1,10 @@
 // Holds the module and the asset, and draws: off the page's own thread, which stays free while a picture is made.
 //
+// A graphics card draws where the browser has WebGPU, the processor elsewhere, and from then on where a card fails.
+//
 // Takes { id, call, … } and answers { id, answer } or { id, error }. One call at a time, in order.
+
+importScripts("gpu.js");
 
 /** The module's exports with its answers taken out of its memory. */
 class Player {
@@ -39,6 +43,9 @@ class Player {
 
 let player;
 let file;
+const card = new Card();
+/** Whether the card draws. */
+let onCard = false;
 
 /** Bytes [from, to) of the asset; all of it, said so, where the server knows no ranges. */
 async function fetchRange(from, to) {
@@ -62,14 +69,59 @@ async function satisfy() {
   return false;
 }
 
+/** Answers of a call, 0 where refused, made again as long as bytes of the file are wanted: the rows of strokes, sky and sun. */
+async function fetched(call) {
+  let answer = call();
+  for (let attempt = 0; answer === 0 && player.wasm.squall_wanted() === 1 && attempt < 64; attempt += 1) {
+    await satisfy();
+    answer = call();
+  }
+  return player.check(answer);
+}
+
+/** Has the card draw, where there is one. */
+async function takeCard() {
+  if (!(await card.open())) return;
+  try {
+    await fetched(() => player.wasm.squall_card(1));
+    onCard = true;
+  } catch (error) {
+    leaveCard(error.message);
+  }
+}
+
+/** Has the processor draw from now on. */
+function leaveCard(why) {
+  card.fail(why);
+  onCard = false;
+  player.check(player.wasm.squall_card(0));
+}
+
+async function pixelsOf(width, height) {
+  const { wasm } = player;
+  if (onCard) {
+    const texture = await fetched(() => wasm.squall_draw_on_card(width, height));
+    try {
+      return await card.pixels(texture, width, height);
+    } catch (error) {
+      leaveCard(error.message);
+    }
+  }
+  const address = await fetched(() => wasm.squall_draw(width, height));
+  return new Uint8ClampedArray(wasm.memory.buffer, address >>> 0, width * height * 4).slice();
+}
+
 const calls = {
-  async open({ module, asset, controls }) {
+  async open({ module, asset, backend, controls }) {
     file = asset;
     const response = await fetch(module);
     if (!response.ok) throw new Error(`${module}: ${response.status} ${response.statusText}`);
-    const { instance } = await WebAssembly.instantiate(await response.arrayBuffer(), {});
+    const { instance } = await WebAssembly.instantiate(await response.arrayBuffer(), card.imports);
+    card.memory = instance.exports.memory;
     player = new Player(instance);
     if (!(await satisfy())) player.check(player.wasm.squall_open(0));
+    if (backend === "cpu") card.fail("this page was asked for the processor");
+    else await takeCard();
     const value = (name) => {
       player.name(name);
       return player.number(player.wasm.squall_get());
@@ -91,16 +143,11 @@ const calls = {
   async draw({ width, height }) {
     const { wasm } = player;
     const start = performance.now();
-    let address = wasm.squall_draw(width, height);
-    // A picture wants the rows of its strokes, of the sky and of the sun: once each.
-    for (let attempt = 0; address === 0 && wasm.squall_wanted() === 1 && attempt < 64; attempt += 1) {
-      await satisfy();
-      address = wasm.squall_draw(width, height);
-    }
-    player.check(address);
-    const pixels = new Uint8ClampedArray(wasm.memory.buffer, address >>> 0, width * height * 4).slice();
+    const pixels = await pixelsOf(width, height);
     const [came, all] = [wasm.squall_bytes(0), wasm.squall_bytes(1)];
-    return { width, height, pixels, streaks: wasm.squall_streaks(), ms: performance.now() - start, came, all };
+    const ms = performance.now() - start;
+    const { name, missing } = card;
+    return { width, height, pixels, streaks: wasm.squall_streaks(), ms, came, all, onCard, card: name, missing };
   },
 };
 

@@ -4,7 +4,7 @@ use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::in_scattered::InScattered;
 use crate::relight::{PointLight, Relighter, Relit};
-use crate::single_scatter::{DirectRays, DirectSettings, add_direct_fluence, add_direct_near};
+use crate::single_scatter::{DirectRays, DirectSettings, add_direct, add_direct_fluence, add_direct_near};
 use crate::transport::Cloud;
 use glam::DVec3;
 use squall_formats::section::response::DirectionalBasis;
@@ -66,6 +66,15 @@ impl Viewer {
             Self::Along(_) => None,
         })
     }
+}
+
+/// Where direct light is worked out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DirectExtent {
+    /// In every cell, air too: light as data.
+    Everywhere,
+    /// In cloud and one cell around it: all that a march through the cloud reads.
+    NearCloud,
 }
 
 /// How a live solve went.
@@ -174,14 +183,15 @@ impl CloudLight {
         self.gathered
     }
 
-    /// In-scattered radiance J towards `viewer` per cell, direct light included, W/(m² sr), into `out`; never negative.
+    /// In-scattered radiance J towards `viewer` per cell, direct light included, W/(m² sr), into `out`; never negative. Direct light
+    /// alone in cells whose scattered light the asset left out ([`Relighter::known_cells`]).
     ///
     /// Errors: a viewer outside the asset's view region; `out` is not one grid long.
     pub fn radiance(&self, viewer: impl Into<Viewer>, out: &mut [f32]) -> Result<(), RuntimeError> {
         let viewer = viewer.into();
         viewer.check(&self.relighter)?;
         self.check_length(out.len())?;
-        self.towards(viewer, self.settings(), out);
+        self.towards(viewer, (self.settings(), DirectExtent::Everywhere), out);
         out.iter_mut().for_each(|value| *value = value.max(0.0));
         Ok(())
     }
@@ -241,18 +251,35 @@ impl CloudLight {
     }
 
     /// J towards a viewer that was checked, as it is: the codec may leave it below zero.
-    pub(super) fn towards(&self, viewer: Viewer, settings: DirectSettings, out: &mut [f32]) {
-        let cloud = self.relighter.cloud();
+    pub(super) fn towards(
+        &self,
+        viewer: Viewer,
+        (settings, extent): (DirectSettings, DirectExtent),
+        out: &mut [f32],
+    ) {
+        let (cloud, scale) = (self.relighter.cloud(), self.relighter.extinction_scale());
         if self.is_coarse() || !self.relighter.is_coarse() {
             spread_towards(&self.relighter, &self.in_scattered(), viewer, out);
         } else {
+            // Gathered on the cloud's own cells.
             let towards = |middle: DVec3| viewer.direction_from(middle);
             self.in_scattered().towards_known(cloud, &self.relighter.known_cells(), towards, out);
         }
-        if !self.direct.is_empty() {
-            let ways = viewer.ways(cloud);
-            let near = (cloud, self.relighter.extinction_scale(), self.relighter.cloud_distances());
-            add_direct_near(near, &self.direct, &ways, settings, out);
+        if extent == DirectExtent::Everywhere && self.relighter.is_coarse() {
+            // Blocks that nobody sees hold what codes best, which is nobody's light; between blocks it was read too.
+            let known = self.relighter.known_cells();
+            out.iter_mut().zip(known).filter(|(_, known)| !known).for_each(|(value, _)| *value = 0.0);
+        }
+        if self.direct.is_empty() {
+            return;
+        }
+        let ways = viewer.ways(cloud);
+        match extent {
+            DirectExtent::Everywhere => add_direct(cloud, scale, &self.direct, &ways, settings, out),
+            DirectExtent::NearCloud => {
+                let near = (cloud, scale, self.relighter.cloud_distances());
+                add_direct_near(near, &self.direct, &ways, settings, out);
+            }
         }
     }
 

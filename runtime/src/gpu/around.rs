@@ -64,7 +64,7 @@ pub struct Around {
     pub glow_centre: [f32; 3],
     pub glow_radius: f32,
     pub glow_radiance: [f32; 3],
-    pub pad0: f32,
+    pub deviation: f32,
 }
 
 /// The world around the eye.

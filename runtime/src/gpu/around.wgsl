@@ -20,7 +20,8 @@ struct Around {
     glow_centre: vec3f,
     glow_radius: f32,
     glow_radiance: vec3f,
-    pad0: f32,
+    // Standard deviation of that radiance, of the three colours' mean.
+    deviation: f32,
 }
 
 @group(1) @binding(0) var around_map: texture_2d<f32>;
@@ -107,7 +108,22 @@ fn sum_glow(@builtin(local_invocation_index) local: u32) {
         }
         workgroupBarrier();
     }
+    let flux_sum = fluxes[0];
+    workgroupBarrier();
+    // Harmonics are orthonormal: squares add up to the square's integral over the sphere.
+    var square = 0.0;
+    for (var i = 1u + local; i < COUNT; i += 256u) {
+        let value = (harmonics[i].x + harmonics[i].y + harmonics[i].z) / 3.0;
+        square += value * value;
+    }
+    fluxes[local] = vec4f(square);
+    workgroupBarrier();
+    for (var half = 128u; half > 0u; half /= 2u) {
+        if local < half { fluxes[local] += fluxes[local + half]; }
+        workgroupBarrier();
+    }
     if local != 0u { return; }
+    around.deviation = sqrt(fluxes[0].x / (2.0 * TAU));
     around.sun_open = glow_rays[GLOW_RAYS].x;
     around.glow_centre = frame.position;
     around.glow_radius = 0.0;
@@ -115,10 +131,10 @@ fn sum_glow(@builtin(local_invocation_index) local: u32) {
     let sum = moments[0].w;
     if sum <= 0.0 { return; }
     let mean = moments[0].xyz / sum;
-    let distance = fluxes[0].w / sum;
+    let distance = flux_sum.w / sum;
     let cosine = clamp(2.0 * length(mean) - 1.0, 0.0, 0.999);
     let share = TAU / f32(GLOW_RAYS);
     around.glow_radius = distance * sqrt(1.0 - cosine * cosine);
-    around.glow_radiance = fluxes[0].xyz * share / (TAU * (1.0 - cosine));
+    around.glow_radiance = flux_sum.xyz * share / (TAU * (1.0 - cosine));
     around.glow_centre = frame.position + normalize(mean) * distance;
 }

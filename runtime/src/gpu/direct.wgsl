@@ -58,7 +58,7 @@ fn dither(ray: u32, cell: u32) -> f32 {
     return f32(((h >> 22u) ^ h) >> 8u) * (1.0 / 16777216.0);
 }
 
-fn is_seen(cell: u32) -> bool { return (seen[cell >> 5u] >> (cell & 31u) & 1u) == 1u; }
+fn is_seen(cell: u32) -> bool { return ((seen[cell >> 5u] >> (cell & 31u)) & 1u) == 1u; }
 
 @compute @workgroup_size(64)
 fn follow_rays(@builtin(global_invocation_id) id: vec3u) {

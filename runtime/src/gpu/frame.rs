@@ -258,7 +258,7 @@ mod tests {
             crate::gpu::shader::tests::layout_of(&LOOK, "Windows").size as usize,
             2 * size_of::<Window>()
         );
-        assert_layout!(AROUND, Around { mean, sun_open, glow_centre, glow_radius, glow_radiance, pad0 });
+        assert_layout!(AROUND, Around { mean, sun_open, glow_centre, glow_radius, glow_radiance, deviation });
     }
 
     fn cameras() -> [Camera; 2] {

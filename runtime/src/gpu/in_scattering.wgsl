@@ -24,7 +24,7 @@ struct Around {
     glow_centre: vec3f,
     glow_radius: f32,
     glow_radiance: vec3f,
-    pad0: f32,
+    deviation: f32,
 }
 
 @group(2) @binding(3) var<uniform> light: RainLight;

@@ -74,7 +74,7 @@ fn look_around(cell: vec3u) {
     }
     count = 8u;
     for (var corner = 0u; corner < 8u; corner++) {
-        let upper = (vec3u(corner) >> vec3u(0u, 1u, 2u) & vec3u(1u)) == vec3u(1u);
+        let upper = ((vec3u(corner) >> vec3u(0u, 1u, 2u)) & vec3u(1u)) == vec3u(1u);
         around[corner] = index_of_cell(vec3u(select(low, high, upper)), cloud.light_counts);
         let w = select(1.0 - share, share, upper);
         weights[corner] = w.x * w.y * w.z;

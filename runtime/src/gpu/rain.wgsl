@@ -14,6 +14,8 @@ const DOT_LENGTH_PX: f32 = 3.0;
 const LONGEST_PX: f32 = 1e5;
 const NARROWEST_BOX: f32 = 0.25;
 const TOO_SHORT: f32 = 0.5;
+// `rain::light::UNEVEN`.
+const UNEVEN: f32 = 0.5;
 const NEAREST_SHARE: f32 = 0.05;
 const WIDTHS: u32 = 35u;
 const LENGTHS: u32 = 25u;
@@ -106,6 +108,7 @@ struct DrawnStreak {
     light: vec4f,
     id: vec2u,
     pattern: u32,
+    // How it is drawn; in the upper half how far it shows its pattern, 65535 for all.
     kind: u32,
     // Thin: middle along and across lines, lean, weight. Else: the pattern's corner and its size, px.
     place: vec4f,

@@ -87,7 +87,12 @@ fn along_at(number: u32, node: f32, off: f32) -> vec4f {
     return here + rise * (at - f32(low)) + rise * off;
 }
 
-fn thin_share(number: u32, pixel: vec2i) -> f32 {
+// Shares of the light of three products, and of the coverage, which is the fourth.
+fn light_and_cover(across: vec4f, along: vec4f) -> vec2f {
+    return vec2f(dot(across.xyz, along.xyz), across.w * along.w);
+}
+
+fn thin_share(number: u32, pixel: vec2i) -> vec2f {
     let kind = drawn[number].kind;
     let p = drawn[number].place;
     let steps = drawn[number].steps;
@@ -104,7 +109,7 @@ fn thin_share(number: u32, pixel: vec2i) -> f32 {
     let first = ceil(start);
     var lane = place - i32(first);
     if lane < 0 || lane >= 2 * reach {
-        return 0.0;
+        return vec2f(0.0);
     }
     var node = clamp((first - start) * PHASES, 0.0, PHASES);
     if (kind & MIRRORED) != 0u {
@@ -129,7 +134,7 @@ fn thin_share(number: u32, pixel: vec2i) -> f32 {
     let lanes = f32((2 * reach + 3) / 4 * 4);
     let along = steps.x * down + steps.z;
     if abs(steps.y * lanes) < LEVEL {
-        return dot(across, along_at(number, along * steps.w, 0.0)) * p.w;
+        return light_and_cover(across, along_at(number, along * steps.w, 0.0)) * p.w;
     }
     // As the processor has it: pixel by pixel near the ends, elsewhere linear over four pixels of a line.
     let body = heads[drawn[number].pattern].body.zw * bitcast<f32>(which.w) + steps.z;
@@ -140,9 +145,9 @@ fn thin_share(number: u32, pixel: vec2i) -> f32 {
     let reach_along = 2.0 * abs(steps.y) + ENDS_PX;
     let inner = block_node > (body.x + reach_along) * steps.w && block_node < (body.y - reach_along) * steps.w;
     if inner || abs(4.0 * steps.y) < GENTLE {
-        return dot(across, along_at(number, block_node, off)) * p.w;
+        return light_and_cover(across, along_at(number, block_node, off)) * p.w;
     }
-    return dot(across, along_at(number, block_node + off, 0.0)) * p.w;
+    return light_and_cover(across, along_at(number, block_node + off, 0.0)) * p.w;
 }
 
 // Share beyond a soft edge at `distance` pixels past it, and its slope.
@@ -281,17 +286,33 @@ fn plain_integral(t_any: f32) -> f32 {
     return 0.5 + t * (1.0 - t2 * (1.0 - t2 * (0.6 - t2 * (1.0 / 7.0)))) * (35.0 / 32.0);
 }
 
+// A disc of this width, swept along its path.
+fn disc_share(d: vec2f, axis: vec2f, half_length: f32, width: f32) -> f32 {
+    let a = max(0.5590169943749474 * width, 1e-3);
+    let across = d.x * axis.y - d.y * axis.x;
+    let along = abs(dot(d, axis));
+    let tent = plain_second(across - 1.0, a) - 2.0 * plain_second(across, a) + plain_second(across + 1.0, a);
+    let chord = max(0.25 * width * width - across * across, 0.0);
+    let per_end = 1.0 / sqrt(3.0 * chord + 1.5);
+    let cut = plain_integral((along + half_length) * per_end) - plain_integral((along - half_length) * per_end);
+    return 0.5 / half_length * max(tent, 0.0) * max(cut, 0.0);
+}
+
 fn plain_share(number: u32, pixel: vec2i) -> f32 {
     let p = drawn[number].place;
     let steps = drawn[number].steps;
-    let d = vec2f(pixel) + 0.5 - p.xy;
-    let across = d.x * steps.y - d.y * steps.x;
-    let along = abs(dot(d, steps.xy));
-    let tent = plain_second(across - 1.0, p.z) - 2.0 * plain_second(across, p.z) + plain_second(across + 1.0, p.z);
-    let chord = max(steps.z - across * across, 0.0);
-    let per_end = 1.0 / sqrt(3.0 * chord + 1.5);
-    let cut = plain_integral((along + p.w) * per_end) - plain_integral((along - p.w) * per_end);
-    return 0.5 / p.w * max(tent, 0.0) * max(cut, 0.0);
+    return disc_share(vec2f(pixel) + 0.5 - p.xy, steps.xy, p.w, 2.0 * sqrt(steps.z));
+}
+
+// What the drop of a resolved streak covers.
+fn broad_cover(number: u32, pixel: vec2i) -> f32 {
+    let head = heads[drawn[number].pattern];
+    let scale = drawn[number].place.zw;
+    let along = drawn[number].steps.xy;
+    let middle = 0.5 * vec2f(head.body.x + head.body.y, head.body.z + head.body.w) * scale;
+    let centre = drawn[number].place.xy + vec2f(along.y, -along.x) * middle.x + along * middle.y;
+    let size = vec2f(head.body.y - head.body.x, head.body.w - head.body.z) * scale;
+    return disc_share(vec2f(pixel) + 0.5 - centre, along, 0.5 * max(size.y - size.x, 1e-3), size.x);
 }
 
 fn is_hidden(number: u32, pixel: vec2i) -> bool {
@@ -314,19 +335,25 @@ fn is_hidden(number: u32, pixel: vec2i) -> bool {
 fn streak_fragment(in: StreakVertex) -> @location(0) vec4f {
     let pixel = vec2i(in.place.xy);
     let kind = drawn[in.number].kind;
-    var share = 0.0;
+    // Of light and of coverage.
+    var shares: vec2f;
     if (kind & THIN) != 0u {
-        share = thin_share(in.number, pixel);
+        shares = thin_share(in.number, pixel);
     } else if (kind & PLAIN) != 0u {
-        share = plain_share(in.number, pixel);
+        shares = vec2f(plain_share(in.number, pixel));
     } else {
-        share = broad_share(in.number, pixel);
+        shares = vec2f(broad_share(in.number, pixel), broad_cover(in.number, pixel));
     }
-    let alpha = min(drawn[in.number].light.w * share, 0.9999);
-    if !(alpha > 0.0) || is_hidden(in.number, pixel) {
+    let over = max(drawn[in.number].light.w * shares, vec2f(0.0));
+    let alpha = min(over.y, 0.9999);
+    let cut = select(1.0, alpha / over.y, over.y > 0.9999);
+    let lit = mix(over.y, over.x, f32(kind >> 16u) / 65535.0) * cut;
+    if !(alpha > 0.0 || lit > 0.0) || is_hidden(in.number, pixel) {
         discard;
     }
     let cover = select(-log(1.0 - alpha), alpha * (1.0 + alpha * (0.5 + alpha / 3.0)), alpha < 0.01);
-    let shown = drawn[in.number].light.xyz * (cover * LIGHT_UNIT * streak_unit());
-    return vec4f(min(shown, vec3f(30000.0)), cover * COVER_UNIT);
+    // What the layer leaves of this light is cover's share of it, 1 − e^−cover over cover.
+    let gain = select(cover / alpha, 1.0, alpha < 1e-6);
+    let shown = drawn[in.number].light.xyz * (lit * gain * LIGHT_UNIT * streak_unit());
+    return vec4f(min(shown, vec3f(30000.0)), max(cover, 1e-6) * COVER_UNIT);
 }

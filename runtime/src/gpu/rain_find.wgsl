@@ -57,6 +57,8 @@ struct DropLight {
     // Share of the main light, and its angle to the line of sight in degrees.
     share: f32,
     angle: f32,
+    // How far a drop shows its pattern.
+    contrast: f32,
 }
 
 fn mean3(v: vec3f) -> f32 {
@@ -66,6 +68,7 @@ fn mean3(v: vec3f) -> f32 {
 fn drop_light(way: vec3f, place: vec3f) -> DropLight {
     var radiance = shown_radiance(0, way);
     var best = -1.0;
+    var direct = mean3(sun_light()) + mean3(light.flash.xyz);
     var towards = vec3f(0.0);
     let has_flash = any(light.flash.xyz > vec3f(0.0));
     // The flash's beam is the last, and where two are alike the later one counts.
@@ -86,16 +89,23 @@ fn drop_light(way: vec3f, place: vec3f) -> DropLight {
         let squared = max(dot(off, off), 0.01);
         radiance += lamp.intensity.xyz * phase_values(0, -dot(off, way) / sqrt(squared)) / squared;
         let own = mean3(lamp.intensity.xyz) / squared;
+        direct += own;
         if own >= best {
             best = own;
             towards = -normalize(off);
         }
     }
+    let diffuse = PI * max(mean3(around.mean), 0.0);
+    var contrast = 1.0;
+    if diffuse + direct > 0.0 {
+        let uneven = min(around.deviation * PI / max(UNEVEN * diffuse, 1e-30), 1.0);
+        contrast = (direct + diffuse * uneven) / (diffuse + direct);
+    }
     if best < 0.0 {
-        return DropLight(radiance, 0.0, 90.0);
+        return DropLight(radiance, 0.0, 90.0, contrast);
     }
     let share = best / max(best + PI * max(mean3(around.mean), 0.0), 1e-30);
-    return DropLight(radiance, share, degrees(acos(clamp(dot(towards, way), -1.0, 1.0))));
+    return DropLight(radiance, share, degrees(acos(clamp(dot(towards, way), -1.0, 1.0))), contrast);
 }
 
 fn pixel_of(p: vec3f) -> vec2f {
@@ -135,6 +145,9 @@ fn place_streak(drawn: ptr<function, DrawnStreak>, number: u32, centre: vec2f, d
     let narrowest = min(head.light.y / PERIODS_PER_PIXEL, THIN_PICTURE_PX);
     if !(width < THIN_WIDTH_PX || length_px < THIN_LENGTH_PX || scale.x < narrowest) {
         (*drawn).kind = 0u;
+        // The drop's disc may reach beyond its light.
+        let reach = disc_reach(direction, length_px - width, width);
+        (*drawn).bounds = vec4f(min((*drawn).bounds.xy, floor(centre - reach)), max((*drawn).bounds.zw, ceil(centre + reach)));
         (*drawn).place = vec4f(corner, scale);
         (*drawn).steps = vec4f(along, weight, 0.0);
         return;
@@ -170,16 +183,21 @@ fn place_streak(drawn: ptr<function, DrawnStreak>, number: u32, centre: vec2f, d
     (*drawn).shares = vec4f(share, slant_share, 0.0, 0.0);
 }
 
-// A streak that no pattern stands for.
-fn place_plain(drawn: ptr<function, DrawnStreak>, centre: vec2f, axis: vec2f, length_px: f32, width: f32) {
-    let a = max(0.5590169943749474 * width, 1e-3);
+// Half extents of what a drop covers, px.
+fn disc_reach(axis: vec2f, length_px: f32, width: f32) -> vec2f {
     let end = sqrt(9.0 * (0.25 * width * width / 3.0 + 1.0 / 6.0));
-    let half_length = 0.5 * max(length_px, 1e-3);
-    let radii = vec2f(half_length + end, a + 1.0);
-    let half = vec2f(
+    let radii = vec2f(0.5 * max(length_px, 1e-3) + end, max(0.5590169943749474 * width, 1e-3) + 1.0);
+    return vec2f(
         radii.x * abs(axis.x) + radii.y * abs(axis.y),
         radii.x * abs(axis.y) + radii.y * abs(axis.x),
     ) + 1.0;
+}
+
+// A streak that no pattern stands for.
+fn place_plain(drawn: ptr<function, DrawnStreak>, centre: vec2f, axis: vec2f, length_px: f32, width: f32) {
+    let a = max(0.5590169943749474 * width, 1e-3);
+    let half_length = 0.5 * max(length_px, 1e-3);
+    let half = disc_reach(axis, length_px, width);
     (*drawn).kind = PLAIN;
     (*drawn).bounds = vec4f(floor(centre - half), ceil(centre + half));
     (*drawn).place = vec4f(centre, a, half_length);
@@ -242,6 +260,7 @@ fn streak_of(id: vec2u, diameter: f32, centre: vec3f, half_way: vec3f) -> bool {
         }
         place_streak(&drawn, pattern, middle, axis, size);
     }
+    drawn.kind |= u32(clamp(shown.contrast, 0.0, 1.0) * 65535.0) << 16u;
     drawn.shares.z = 0.5 * (1.0 / start.z + 1.0 / stop.z);
     drawn.shares.w = select(0.0, (1.0 / stop.z - 1.0 / start.z) / max(length_px, 1e-20), length_px > 0.0);
     let at = atomicAdd(&arguments.found, 1u);

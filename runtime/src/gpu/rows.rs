@@ -62,6 +62,8 @@ impl Rows {
     ///
     /// Errors: a damaged row; more used places than a binding holds.
     pub fn new(gpu: &Gpu, relighter: &Relighter) -> Result<Self, RuntimeError> {
+        // All of them at once, of an asset that is read piece by piece.
+        relighter.response().fetch(0..relighter.response().row_count())?;
         let head = &relighter.response().head;
         let (cells, planes) = (head.shape.len(), head.basis.count());
         let stride = planes.next_multiple_of(4);

@@ -48,14 +48,12 @@ macro_rules! shaders {
             Shader { name: $name, parts: &[$($part,)* include_str!(concat!($name, ".wgsl"))] };)*
 
         /// Every shader.
-        #[cfg(test)]
         pub(crate) const ALL: &[&Shader] = &[$(&$constant),*];
     };
 }
 
 shaders! {
     /// Nothing but the common part, run by its own tests.
-    #[cfg(test)]
     PROBE = "probe" [COMMON];
     /// Drops of a frame.
     RAIN_FIND = "rain_find" [COMMON, FIELD, TOWN_RAYS, IN_SCATTERING, RAIN];

@@ -60,7 +60,7 @@ fn rain_left_along(origin: vec3f, way: vec3f, metres: f32) -> f32 {
     let here = field_filled_radius(origin);
     var path = metres;
     if !(metres <= field.ceiling.w && here >= 0.0
-        && (metres <= here || metres < ENDLESS && field_filled_radius(origin + way * metres) >= 0.0)) {
+        && (metres <= here || (metres < ENDLESS && field_filled_radius(origin + way * metres) >= 0.0))) {
         path = field_path(origin, way, 0.0, metres);
     }
     let depth = extinction * path;

@@ -36,7 +36,7 @@ fn serves(own: u32, other: u32) -> bool {
     let a = lanes[own];
     let b = lanes[other];
     return b.spot.thing != NOTHING && same_surface(a.spot, b.spot) && (a.glass == 0.0 || b.glass > 0.0)
-        && (a.wet == 0.0 || b.wet > 0.0 && as_rough(a.slope, b.slope));
+        && (a.wet == 0.0 || (b.wet > 0.0 && as_rough(a.slope, b.slope)));
 }
 
 // The lane that works for this one: itself, or an earlier one of its pixel that works for itself.

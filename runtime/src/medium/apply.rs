@@ -7,7 +7,10 @@
 //! | sky and ground of J | at nodes 16 pixels apart, cubic between rows and to 8 pixels, linear below; per pixel where pixels are wide | below 2e-3 of J at 120° and 1080 rows |
 //! | sun and flash of J | per pixel, in closed form | 1e-6 of the peak |
 //!
-//! Pixels that bounded rain may end before, and pixels among the drawn shells, take the exact sums instead.
+//! Pixels that bounded rain may end before, and pixels among the drawn shells, take the exact sums instead; over a map some of those
+//! are worked out at nodes ([`mapped`]).
+
+mod mapped;
 
 use super::{Medium, Outlook};
 use crate::camera::{Camera, Projection, Ray};
@@ -19,6 +22,7 @@ use crate::rain::RainPath;
 use crate::registers::in_registers;
 use crate::world::InScattering;
 use glam::{Vec4, Vec4Swizzles};
+use mapped::Mapped;
 
 /// Pixels worked out together, a multiple of eight: loops of a fixed length, which compilers put into registers.
 const LANES: usize = 64;
@@ -100,6 +104,8 @@ struct BandMedium<'a, V> {
     farthest: f32,
     /// Whether J is worked out at nodes.
     has_nodes: bool,
+    /// Whether depths of rain over a map are.
+    is_mapped: bool,
 }
 
 /// J along one row of pixels: at every eighth pixel's left edge, or nowhere.
@@ -132,6 +138,9 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             full: outlook.volume.filled_radius(camera.position) as f32,
             farthest: outlook.volume.farthest() as f32,
             has_nodes: widest <= WIDEST_STEP && (camera.width as usize) < (NODES - 5) * STEP,
+            is_mapped: outlook.volume.is_costly()
+                && widest <= WIDEST_STEP
+                && (camera.width as usize) < (NODES - 5) * STEP,
         }
     }
 
@@ -161,6 +170,10 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
                 self.nodes((top + k * STEP) as f64 - STEP as f64, nodes);
             }
         }
+        let mut mapped = Mapped::NONE;
+        if self.is_mapped {
+            mapped.fill(self, top, pixels.len() / width);
+        }
         let mut line = [[0.0f32; 3]; 2 * NODES];
         let rows = pixels.chunks_mut(width).zip(left.chunks_mut(width)).enumerate();
         for (row, (pixels, left)) in rows {
@@ -169,7 +182,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
                 let four = std::array::from_fn(|k| &nodes[row / STEP + k]);
                 self.fill_line(four, weights, &mut line);
             }
-            self.row(top + row, &line, pixels, left);
+            self.row([top + row, row], (&line, &mapped), pixels, left);
         }
     }
 
@@ -196,7 +209,13 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
     }
 
     #[inline(always)]
-    fn row(&self, y: usize, line: &Line, pixels: &mut [[f32; 3]], left: &mut [f32]) {
+    fn row(
+        &self,
+        [y, row]: [usize; 2],
+        (line, mapped): (&Line, &Mapped),
+        pixels: &mut [[f32; 3]],
+        left: &mut [f32],
+    ) {
         let tangent = self.first[1] + (y as f32 + 0.5) * self.per_pixel[1];
         let down = f64::from(tangent);
         let beam = |beam: &crate::world::Beam| RowBeam {
@@ -220,7 +239,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             }
             let ranges = depth.is_none_or(|(_, ranges)| ranges);
             let mut seen = [0.0; LANES];
-            self.optical_depths([at, y], (&known, ranges), &secants, &mut seen);
+            self.optical_depths([at, y, row], (&known, ranges, mapped), &secants, &mut seen);
             exp_neg(&mut seen);
             let done = match self.has_nodes && beams.is_empty() {
                 true => blend_line(&seen, &line[at / FLAT..], pixels),
@@ -261,8 +280,8 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
     #[inline(always)]
     fn optical_depths(
         &self,
-        [x, y]: [usize; 2],
-        (metres, ranges): (&Lanes, bool),
+        [x, y, row]: [usize; 3],
+        (metres, ranges, mapped): (&Lanes, bool, &Mapped),
         secants: &Lanes,
         depths: &mut Lanes,
     ) {
@@ -289,9 +308,13 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         for i in 0..LANES.min(self.camera.width as usize - x) {
             let plain =
                 (range[i] >= self.shells_end * secants[i]) & (range[i] > 0.0) & (range[i] <= self.full);
-            if !plain {
-                depths[i] = self.one_optical_depth([x + i, y], range[i], secants[i]);
+            if plain {
+                continue;
             }
+            depths[i] = match self.is_mapped {
+                true => self.mapped_depth(mapped, [x + i, y, row], range[i], secants[i]),
+                false => self.one_optical_depth([x + i, y], range[i], secants[i]),
+            };
         }
     }
 

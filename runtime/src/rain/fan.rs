@@ -207,6 +207,10 @@ impl RainPath for RainFan<'_> {
         self.field.farthest()
     }
 
+    fn is_costly(&self) -> bool {
+        self.field.is_costly()
+    }
+
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64 {
         match self.over(ray) {
             Some(over) => self.path_over(&over, ray, from, to),

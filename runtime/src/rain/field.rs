@@ -22,6 +22,10 @@ pub trait RainPath: Sync {
     fn farthest(&self) -> f64 {
         f64::INFINITY
     }
+    /// Whether a length costs so much that it is better interpolated between rays than found for each.
+    fn is_costly(&self) -> bool {
+        false
+    }
     /// Metres of full rain on a ray between the distances `from` ≥ 0 and `to`.
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64;
     /// Σ factor · [`RainPath::path`] over pieces of one ray: factor, from, to.
@@ -132,6 +136,10 @@ impl RainPath for RainField<'_> {
 
     fn farthest(&self) -> f64 {
         self.farthest.map_or(f64::INFINITY, |farthest| farthest.0)
+    }
+
+    fn is_costly(&self) -> bool {
+        self.map.is_some()
     }
 
     /// Metres of rain on the ray between the distances `from` ≥ 0 and `to`, as dense as [`RainField::rate`] has it: its extinction

@@ -43,8 +43,10 @@ pub struct Span<'a> {
     pub y: i32,
     /// How many pixels are meant, ≥ 1, all of them inside the clip.
     pub count: usize,
-    /// Their shares of the streak's coverage, padded to a multiple of four; what pads is not read.
+    /// Their shares of the streak's light, padded to a multiple of four; what pads is not read.
     pub shares: &'a [f32],
+    /// Their shares of the streak's coverage, padded likewise; `None` where they are those of its light.
+    pub covers: Option<&'a [f32]>,
 }
 
 /// Pixels that are worked on together.
@@ -65,6 +67,8 @@ pub struct Ribbon {
     pub first: Vec<i32>,
     /// Shares as in [`Span::shares`], line by line and block by block; what is below 0 is none.
     pub shares: Vec<[f32; BLOCK]>,
+    /// Shares of the coverage, in the same order.
+    pub covers: Vec<[f32; BLOCK]>,
 }
 
 impl Ribbon {
@@ -74,25 +78,32 @@ impl Ribbon {
         (self.columns, self.line, self.blocks) = (columns, lines[0], blocks);
         self.first.resize(count, 0);
         self.shares.resize(count * blocks, [0.0; BLOCK]);
+        self.covers.resize(count * blocks, [0.0; BLOCK]);
     }
 
-    /// Its lines: row (or column), first pixel, shares.
-    pub fn lines(&self) -> impl Iterator<Item = (i32, i32, &[[f32; BLOCK]])> {
+    /// Its lines: row (or column), first pixel, shares of light and of coverage.
+    pub fn lines(&self) -> impl Iterator<Item = (i32, i32, [&[[f32; BLOCK]]; 2])> {
         let numbered = (self.line..).zip(&self.first);
         // No blocks, no lines.
+        let [shares, covers] =
+            [&self.shares, &self.covers].map(|blocks| blocks.chunks_exact(self.blocks.max(1)));
         numbered
-            .zip(self.shares.chunks_exact(self.blocks.max(1)))
-            .map(|((line, &first), shares)| (line, first, shares))
+            .zip(shares.zip(covers))
+            .map(|((line, &first), (shares, covers))| (line, first, [shares, covers]))
     }
 
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
-        self.first.capacity() * size_of::<i32>() + self.shares.capacity() * size_of::<[f32; BLOCK]>()
+        self.first.capacity() * size_of::<i32>()
+            + (self.shares.capacity() + self.covers.capacity()) * size_of::<[f32; BLOCK]>()
     }
 }
 
 /// Draws footprints. The rain multiplies what a kernel returns with the streak's whole coverage, so that a
-/// kernel decides where coverage lies and physics how much there is.
+/// kernel decides where coverage and light lie and physics how much there is.
+///
+/// A drop hides what is behind its whole disc and sends its light from parts of it: coverage is the disc swept along the path, and
+/// light what a pattern says.
 pub trait Kernel: Sync {
     /// Working memory, one per thread, kept from frame to frame.
     type Scratch: Default + Send + Sync + 'static;
@@ -106,7 +117,7 @@ pub trait Kernel: Sync {
     /// Hands the footprint's part inside `clip` to `put`, each pixel once, in any order.
     ///
     /// A share is the mean over the pixel of the kernel's density, per square pixel, ≥ 0; over the whole
-    /// plane shares add up to 1. The same footprint gives the same shares, to round-off, however it is cut
+    /// plane shares of light, and those of coverage, add up to 1. The same footprint gives the same shares, to round-off, however it is cut
     /// into clips.
     fn draw(
         &self,

@@ -10,10 +10,32 @@ pub trait RainLight: Sync {
     /// Radiance of a drop at `distance` metres along the camera's ray, W/(m² sr) per colour.
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3];
 
+    /// How far a drop there shows its pattern: 0 in an even world, where a drop cannot be seen, to 1, where its light is as uneven as
+    /// the scenes that patterns are made in. The rest of its light is even over its disc. A light that says nothing of it has 1.
+    fn contrast(&self, _ray: &Ray, _distance: f64) -> f32 {
+        1.0
+    }
+
     /// The one light that counts most for the look of a drop there; none under an even sky. It picks patterns, and adds no light.
     fn main_light(&self, _ray: &Ray, _distance: f64) -> Option<MainLight> {
         None
     }
+}
+
+/// The least deviation of a world's radiance over its mean at which drops show all of their patterns: that of a sky three times as
+/// bright as the ground, less than any overcast sky has over soil or asphalt.
+pub const UNEVEN: f64 = 0.5;
+
+/// [`RainLight::contrast`] of a world whose radiance has this mean and standard deviation over the sphere, and of lights that come
+/// to `irradiance` together.
+pub(crate) fn contrast_of(mean: f64, deviation: f64, irradiance: f64) -> f32 {
+    let around = std::f64::consts::PI * mean.max(0.0);
+    let all = around + irradiance;
+    if all <= 0.0 || !all.is_finite() {
+        return 1.0;
+    }
+    let world = if mean > 0.0 { (deviation / (UNEVEN * mean)).min(1.0) } else { 0.0 };
+    ((irradiance + around * world) / all) as f32
 }
 
 /// A light among all that lights a drop.
@@ -65,11 +87,23 @@ impl Surroundings {
     const HORIZON_SHARE: f64 = 0.4;
 }
 
+fn mean(light: &[f32; 3]) -> f64 {
+    light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0
+}
+
 impl RainLight for Surroundings {
     fn main_light(&self, _ray: &Ray, _distance: f64) -> Option<MainLight> {
-        let mean = |light: &[f32; 3]| light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0;
         let around = 0.5 * (mean(&self.above) + mean(&self.below));
         MainLight::new(-self.flash_direction, mean(&self.flash_irradiance), around)
+    }
+
+    fn contrast(&self, _ray: &Ray, _distance: f64) -> f32 {
+        let [above, below, behind, flash] =
+            [&self.above, &self.below, &self.behind, &self.flash_irradiance].map(mean);
+        let middle = (above + below + behind) / 3.0;
+        let square = |value: f64| (value - middle) * (value - middle);
+        let deviation = ((square(above) + square(below) + square(behind)) / 3.0).sqrt();
+        contrast_of(middle, deviation, flash)
     }
 
     fn radiance(&self, ray: &Ray, _distance: f64) -> [f32; 3] {
@@ -116,5 +150,21 @@ mod tests {
         let flash =
             Surroundings { flash_irradiance: [1.0; 3], flash_direction: DVec3::X, ..Default::default() };
         assert!(drop_radiance(&flash, -DVec3::X) > 10.0 * drop_radiance(&flash, DVec3::X));
+    }
+
+    #[test]
+    fn an_even_world_shows_no_pattern_and_a_lone_light_all_of_it() {
+        assert_eq!(contrast_of(2.0, 0.0, 0.0), 0.0);
+        assert_eq!(contrast_of(0.0, 0.0, 3.0), 1.0);
+        // A sky three times as bright as the ground has a deviation of half its mean.
+        assert_eq!(contrast_of(2.0, 1.0, 0.0), 1.0);
+        assert!((contrast_of(2.0, 0.5, 0.0) - 0.5).abs() < 1e-6);
+        // Half of a sun's light and half of an even sky's: half of the pattern.
+        assert!((contrast_of(1.0, 0.0, std::f64::consts::PI) - 0.5).abs() < 1e-6);
+        let world =
+            crate::world::WorldLight::from_radiance(&|d| [if d.z > 0.0 { 3.0 } else { 1.0 }; 3], None);
+        let seen = world.in_scattering(&crate::medium::Phase::HenyeyGreenstein(0.77));
+        // Degree 20 keeps all but 1 % of a horizon's square.
+        assert!((seen.contrast_beside(0.0) - 1.0).abs() < 0.02, "{}", seen.contrast_beside(0.0));
     }
 }

@@ -5,24 +5,22 @@ use super::window::SmoothWindow;
 use crate::shade::streak::choice::Conditions;
 use crate::shade::streak::{self, StreakSet, Tile};
 
-/// Most pixels of a thin streak's row.
-const LONGEST: usize = 32;
-
 /// Share of the shortest pattern's length over its width below which none of them stands for a streak.
 const TOO_SHORT: f64 = 0.5;
 
 /// Working memory for drawing patterns; grows to the largest tile and is then reused.
 #[derive(Clone, Debug, Default)]
 pub struct PatternScratch {
+    /// Light and coverage.
     patch: Vec<f32>,
+    column: Vec<f32>,
     streak: streak::Scratch,
-    ribbon: Ribbon,
 }
 
 impl PatternScratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
-        self.patch.capacity() * size_of::<f32>() + self.streak.bytes() + self.ribbon.bytes()
+        (self.patch.capacity() + self.column.capacity()) * size_of::<f32>() + self.streak.bytes()
     }
 }
 
@@ -31,7 +29,8 @@ impl PatternScratch {
 /// drop's whole path, from a radius before its first place to a radius after its last, and its width.
 ///
 /// The pattern's light is divided by its sum, so that shares add up to 1 at any size; what cosines undershoot
-/// below zero, a few parts in a thousand of the light, is cut off. A set without light is drawn as
+/// below zero, a few parts in a thousand of the light, is cut off. Coverage is the drop's disc swept along its path, whatever the
+/// pattern: a streak whose light is a fine line hides what is behind all of its band. A set without light is drawn as
 /// [`SmoothWindow`]s.
 impl Kernel for StreakSet {
     type Scratch = PatternScratch;
@@ -43,7 +42,7 @@ impl Kernel for StreakSet {
             return Some((clip, PlacedPattern::Plain(plain)));
         };
         let streak = self.placed(&kernel)?;
-        let [left, top, right, bottom] = streak.bounds;
+        let [left, top, right, bottom] = bounds_of(&streak);
         Some((Clip { left, top, right, bottom }, PlacedPattern::Streak(streak)))
     }
 
@@ -58,17 +57,13 @@ impl Kernel for StreakSet {
             PlacedPattern::Plain(plain) => return SmoothWindow.draw(plain, clip, &mut (), put),
             PlacedPattern::Streak(streak) => streak,
         };
-        let [left, top, right, bottom] = streak.bounds;
+        let [left, top, right, bottom] = bounds_of(streak);
         let origin = [left.max(clip.left), top.max(clip.top)];
         let end = [right.min(clip.right), bottom.min(clip.bottom)];
         if end[0] <= origin[0] || end[1] <= origin[1] {
             return;
         }
-        if Self::in_rows(streak) {
-            self.draw_rows(streak, [origin, end], scratch, put);
-        } else {
-            self.draw_patch(streak, origin, end, scratch, put);
-        }
+        self.draw_patch(streak, origin, end, scratch, put);
     }
 
     fn sees_light(&self) -> bool {
@@ -105,33 +100,31 @@ impl Default for PlacedPattern {
     }
 }
 
-impl StreakSet {
-    /// Hands on the rows of a thin streak that stands rather upright.
-    fn draw_rows(
-        &self,
-        placed: &streak::PlacedStreak,
-        [origin, end]: [[i32; 2]; 2],
-        scratch: &mut PatternScratch,
-        put: &mut impl FnMut(Span),
-    ) {
-        let PatternScratch { ribbon, streak, .. } = scratch;
-        let clip = [[origin[0], end[0]], [origin[1], end[1]]];
-        self.fill_ribbon(placed, clip, streak, ribbon);
-        for (y, first, shares) in ribbon.lines() {
-            let count = (ribbon.blocks * BLOCK) as i32;
-            let (x, to) = (first.max(origin[0]), first.saturating_add(count).min(end[0]));
-            if x >= to {
-                continue;
-            }
-            let mut padded = [0.0; LONGEST];
-            let own = &shares.as_flattened()[(x - first) as usize..(to - first) as usize];
-            // What cosines undershoot below zero is cut off.
-            padded.iter_mut().zip(own).for_each(|(out, &share)| *out = if share > 0.0 { share } else { 0.0 });
-            put(Span { x, y, count: own.len(), shares: &padded[..own.len().next_multiple_of(BLOCK)] });
-        }
+/// The disc of a drop whose width is resolved, and its path.
+fn disc_of(kernel: &streak::StreakPlacement) -> Footprint {
+    let direction = kernel.direction.map(f64::from);
+    let norm = libm::hypot(direction[0], direction[1]);
+    let (length, width) = (f64::from(kernel.length), f64::from(kernel.width));
+    Footprint {
+        centre: kernel.middle.map(f64::from),
+        axis: direction.map(|part| part / norm),
+        length: (length - width).max(0.0),
+        width,
+        ..Footprint::default()
     }
+}
 
-    /// Draws a streak into a patch of memory and hands that on row by row.
+/// Pixels that a streak's light or its drop may touch: left, top, right, bottom.
+fn bounds_of(placed: &streak::PlacedStreak) -> [i32; 4] {
+    let [left, top, right, bottom] = placed.bounds;
+    let disc = StreakSet::resolved(placed).and_then(|kernel| SmoothWindow.place(&disc_of(kernel)));
+    disc.map_or(placed.bounds, |(own, _)| {
+        [left.min(own.left), top.min(own.top), right.max(own.right), bottom.max(own.bottom)]
+    })
+}
+
+impl StreakSet {
+    /// Draws a streak into patches of memory, its light into one and what its drop covers into the other, and hands them on row by row.
     fn draw_patch(
         &self,
         placed: &streak::PlacedStreak,
@@ -141,23 +134,41 @@ impl StreakSet {
         put: &mut impl FnMut(Span),
     ) {
         let [width, height] = [0, 1].map(|axis| (end[axis] - origin[axis]) as usize);
-        let PatternScratch { patch, streak, .. } = scratch;
-        patch.clear();
-        // The last span's padding may reach past the last row.
-        patch.resize(width * height + BLOCK, 0.0);
-        self.add_placed(placed, &mut Tile { origin, width, alpha: &mut patch[..width * height] }, streak);
+        let PatternScratch { patch, column, streak, .. } = scratch;
+        for patch in [&mut *patch, &mut *column] {
+            patch.clear();
+            // The last span's padding may reach past the last row.
+            patch.resize(width * height + BLOCK, 0.0);
+        }
+        match Self::resolved(placed) {
+            Some(kernel) => {
+                let tile = &mut Tile { origin, width, alpha: &mut patch[..width * height] };
+                self.add_placed(placed, tile, streak);
+                let clip = Clip { left: origin[0], top: origin[1], right: end[0], bottom: end[1] };
+                SmoothWindow.draw(&disc_of(kernel), clip, &mut (), &mut |span| {
+                    let at = (span.y - origin[1]) as usize * width + (span.x - origin[0]) as usize;
+                    column[at..at + span.count].copy_from_slice(&span.shares[..span.count]);
+                });
+            }
+            None => {
+                let tile = &mut Tile { origin, width, alpha: &mut patch[..width * height] };
+                self.add_thin(placed, tile, &mut column[..width * height], streak);
+            }
+        }
         for (row, y) in (0..height).zip(origin[1]..) {
-            let line = &patch[row * width..][..width];
+            let line = row * width..(row + 1) * width;
+            let (light, cover) = (&patch[line.clone()], &column[line]);
             // A leaning streak is a narrow part of its box.
-            let lit = |value: &f32| *value > 0.0;
-            let (Some(first), Some(last)) = (line.iter().position(lit), line.iter().rposition(lit)) else {
-                continue;
-            };
+            let lit = |at: &usize| light[*at] > 0.0 || cover[*at] > 0.0;
+            let (Some(first), Some(last)) = ((0..width).find(lit), (0..width).rfind(lit)) else { continue };
             let count = last + 1 - first;
             let from = row * width + first;
-            let padded = &mut patch[from..from + count.next_multiple_of(BLOCK)];
-            padded[..count].iter_mut().for_each(|share| *share = share.max(0.0));
-            put(Span { x: origin[0] + first as i32, y, count, shares: padded });
+            let padded = from..from + count.next_multiple_of(BLOCK);
+            // What cosines undershoot below zero is cut off.
+            patch[from..from + count].iter_mut().for_each(|share| *share = share.max(0.0));
+            column[from..from + count].iter_mut().for_each(|share| *share = share.max(0.0));
+            let covers = Some(&column[padded.clone()]);
+            put(Span { x: origin[0] + first as i32, y, count, shares: &patch[padded], covers });
         }
     }
 

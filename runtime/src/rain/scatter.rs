@@ -17,7 +17,7 @@ use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use hidden::{DepthLine, Reach, Seen};
-use lay::Under;
+use lay::{Paint, Under};
 use std::any::Any;
 
 /// Tile width and height, px: 16 bytes a pixel of picture and mask, an eighth of a megabyte.
@@ -76,9 +76,7 @@ impl Default for Canvas {
 #[derive(Clone, Copy, Debug, Default)]
 struct Ready<P> {
     placed: P,
-    /// Its whole coverage, px², and its light.
-    strength: f32,
-    colour: [f32; 3],
+    paint: Paint,
 }
 
 /// Working memory of a band, whose kernel has scratch of type `S`.
@@ -127,7 +125,8 @@ impl Workspace {
 
     /// Draws the streaks of the last [`super::Rain::find`] over `picture` and into [`Workspace::mask`].
     ///
-    /// Each streak lies over what is there with its coverage α and shows its own light in its place; where
+    /// Each streak hides what is there by its coverage α, its drop's disc swept along its path, and shows its own light where its
+    /// pattern has it, as far as [`RainLight::contrast`] says; where
     /// streaks overlap, later ones of the list lie over earlier ones. Pixels whose scene is nearer than the
     /// streak at that pixel stay as they are. `shot` is the one that was found.
     ///
@@ -291,8 +290,12 @@ impl Canvas {
             }
             let Some((clip, placed)) = scene.kernel.place(&footprint) else { return };
             *tiles = tiles_of(clip, grid);
-            let strength = (f64::from(streak.coverage) * scene.gain) as f32;
-            *ready = Ready { placed, strength, colour: scene.light.radiance(&ray, distance) };
+            let paint = Paint {
+                strength: (f64::from(streak.coverage) * scene.gain) as f32,
+                contrast: scene.light.contrast(&ray, distance).clamp(0.0, 1.0),
+                colour: scene.light.radiance(&ray, distance),
+            };
+            *ready = Ready { placed, paint };
         };
         ready.par_iter_mut().zip(&mut self.boxes).zip(streaks).for_each(prepare);
     }
@@ -370,11 +373,11 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             self.scene.depth.as_ref().map_or(Reach::OPEN, |buffer| Reach::new(buffer, self.secants, clip));
         for at in 0..self.band.near.len() {
             let Band { scratch, ribbon, near } = &mut *self.band;
-            let Ready { placed, strength, colour } = near[at];
+            let Ready { placed, paint } = near[at];
             let is_ribbon = self.scene.kernel.ribbon(&placed, clip, scratch, ribbon);
             if !is_ribbon {
                 let streak = &part.streaks[mine[at] as usize];
-                self.paint_spans(streak, &placed, clip, (strength, colour));
+                self.paint_spans(streak, &placed, clip, &paint);
                 continue;
             }
             match self.scene.depth.is_some().then(|| reach.of(&part.streaks[mine[at] as usize])) {
@@ -383,39 +386,35 @@ impl<K: Kernel, L> Brush<'_, K, L> {
                 Some(Seen::Everywhere) | None => {}
             }
             let mut under = Under { pixels: self.pixels, mask: self.mask, width: self.width, top: self.top };
-            under.lay_ribbon(&self.band.ribbon, clip, strength, colour);
+            under.lay_ribbon(&self.band.ribbon, clip, paint);
         }
     }
 
     /// A streak whose kernel hands on spans.
-    fn paint_spans(
-        &mut self,
-        streak: &Streak,
-        placed: &K::Placed,
-        clip: Clip,
-        (strength, colour): (f32, [f32; 3]),
-    ) {
+    fn paint_spans(&mut self, streak: &Streak, placed: &K::Placed, clip: Clip, paint: &Paint) {
         let Self { band, secants, scene, width, top, pixels, mask } = self;
         let scratch = &mut band.scratch;
         let mut under = Under { pixels, mask, width: *width, top: *top };
         let Some(buffer) = &scene.depth else {
             return scene.kernel.draw(placed, clip, scratch, &mut |span| {
-                under.lay_span([span.x, span.y], span.count, span.shares, (strength, colour));
+                let blocks = [span.shares, span.covers.unwrap_or(span.shares)];
+                under.lay_span([span.x, span.y], span.count, blocks, paint);
             });
         };
         let line = DepthLine::new(streak, &streak.footprint());
         scene.kernel.draw(placed, clip, scratch, &mut |span| {
             for start in (0..span.count).step_by(SEEN) {
                 let count = (span.count - start).min(SEEN);
-                let mut seen = [0.0; SEEN];
-                let shares = seen.iter_mut().zip(&span.shares[start..]).take(count);
-                for (i, (seen, &share)) in shares.enumerate() {
+                let mut seen = [[0.0; SEEN]; 2];
+                let covers = span.covers.unwrap_or(span.shares);
+                for i in 0..count {
                     let (x, y) = (span.x as usize + start + i, span.y as usize);
-                    if share > 0.0 && !line.hidden(secants, buffer, x, y) {
-                        *seen = share;
+                    let own = [span.shares[start + i], covers[start + i]];
+                    if (own[0] > 0.0 || own[1] > 0.0) && !line.hidden(secants, buffer, x, y) {
+                        [seen[0][i], seen[1][i]] = own;
                     }
                 }
-                under.lay_span([span.x + start as i32, span.y], count, &seen, (strength, colour));
+                under.lay_span([span.x + start as i32, span.y], count, [&seen[0], &seen[1]], paint);
             }
         });
     }
@@ -426,14 +425,17 @@ impl<K: Kernel, L> Brush<'_, K, L> {
         let depth = DepthLine::new(streak, &streak.footprint());
         let [low, high] =
             if self.band.ribbon.columns { [clip.top, clip.bottom] } else { [clip.left, clip.right] };
-        let Ribbon { columns, line, blocks, first, shares } = &mut self.band.ribbon;
+        let Ribbon { columns, line, blocks, first, shares, covers } = &mut self.band.ribbon;
         let numbered = (*line..).zip(first.iter());
-        for ((line, &first), shares) in numbered.zip(shares.chunks_exact_mut((*blocks).max(1))) {
-            for (place, share) in (first..).zip(shares.as_flattened_mut()) {
-                if place >= low && place < high && *share > 0.0 {
+        let blocks = (*blocks).max(1);
+        let own = shares.chunks_exact_mut(blocks).zip(covers.chunks_exact_mut(blocks));
+        for ((line, &first), (shares, covers)) in numbered.zip(own) {
+            let own = shares.as_flattened_mut().iter_mut().zip(covers.as_flattened_mut());
+            for (place, (share, cover)) in (first..).zip(own) {
+                if place >= low && place < high && (*share > 0.0 || *cover > 0.0) {
                     let [x, y] = if *columns { [line, place] } else { [place, line] };
                     if depth.hidden(self.secants, buffer, x as usize, y as usize) {
-                        *share = 0.0;
+                        (*share, *cover) = (0.0, 0.0);
                     }
                 }
             }

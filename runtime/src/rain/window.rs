@@ -85,10 +85,10 @@ impl Kernel for SmoothWindow {
                 if count as usize <= LANES {
                     let mut block = [0.0; LANES];
                     window.fill(across, along, &mut block);
-                    put(Span { x, y, count: count as usize, shares: &block });
+                    put(Span { x, y, count: count as usize, shares: &block, covers: None });
                 } else {
                     window.fill_all(across, along, count as usize, &mut shares);
-                    put(Span { x, y, count: count as usize, shares: &shares });
+                    put(Span { x, y, count: count as usize, shares: &shares, covers: None });
                 }
                 first += count;
             }

@@ -49,7 +49,7 @@ impl Response {
     /// Has rows `wanted` in memory, of an asset that is read piece by piece; of others they are.
     ///
     /// Errors: they cannot be read, or nobody reads them ([`RuntimeError::NotFetched`]).
-    pub(super) fn fetch(&self, wanted: impl Iterator<Item = usize>) -> Result<(), RuntimeError> {
+    pub(crate) fn fetch(&self, wanted: impl Iterator<Item = usize>) -> Result<(), RuntimeError> {
         self.asset.fetch_rows((&self.index, self.rows.len()), wanted)
     }
 

@@ -5,9 +5,10 @@
 //! that thins out counts as rain that ends sooner. A stroke that stands beyond the rain's bounds lights it as a distant light instead
 //! ([`super::rain`]). Walls between a light and the rain are not looked for.
 //!
-//! A halo is smooth but where its light stands: it is worked out at the corners of tiles of 8 × 8 pixels, for as many depths as the
+//! A halo is smooth but where its light stands: it is worked out at the corners of tiles ([`tiles`]), for as many depths as the
 //! tile's things need, and lies between them where the tile's middle agrees with that; elsewhere it is worked out pixel by pixel.
 
+mod tiles;
 #[cfg(feature = "gpu")]
 mod upload;
 
@@ -15,7 +16,6 @@ use super::lit_stroke::LitStroke;
 use crate::airlight::{Airlight, PointBeside};
 use crate::camera::{Camera, Ray};
 use crate::medium::{Medium, Phase};
-use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::point_spread::PointSpread;
 use crate::rain::RainPath;
@@ -26,22 +26,18 @@ use squall_formats::section::town::StreetLamp;
 const LEAST: f32 = 1e-4;
 /// Radius of a lamp's glass, m.
 const LAMP_RADIUS_M: f64 = 0.15;
-/// Points that a stroke stands for where its light is scattered more than once.
-const STROKE_POINTS: usize = 24;
-/// Edge of a tile, px.
-const TILE: usize = 8;
-/// Share by which a tile's middle may differ from what lies between its corners.
-const EVEN: f32 = 0.02;
-/// Logarithm of the ratio of depths between which light counts as growing evenly, and most nodes of a tile.
-const DEPTH_STEP: f32 = 0.4;
-const MOST_DEPTHS: usize = 10;
 /// Optical depth behind which nothing comes to the eye: e^−30 is 10^−13.
 const DEEPEST: f32 = 30.0;
-
+/// Cosines that a phase function's peak is looked for at, the ends among them.
+const COSINES: u32 = 2000;
+/// Points that a stroke stands for where its light is scattered more than once.
+const STROKE_POINTS: usize = 24;
 /// How a medium of one phase function spreads light of points; kept from frame to frame.
 pub struct Spreading {
     once: Airlight,
     more: PointSpread,
+    /// Largest value of the phase function, 1/sr.
+    peak: f64,
 }
 
 impl Spreading {
@@ -49,7 +45,11 @@ impl Spreading {
     pub fn of(kept: Option<Self>, phase: &Phase) -> Self {
         match kept {
             Some(known) if known.once.phase() == phase => known,
-            _ => Self { once: Airlight::new(phase), more: PointSpread::new(phase) },
+            _ => {
+                let value = |i: u32| phase.values(f64::from(i) / f64::from(COSINES) * 2.0 - 1.0);
+                let peak = (0..=COSINES).flat_map(value).fold(0.0, f64::max);
+                Self { once: Airlight::new(phase), more: PointSpread::new(phase), peak }
+            }
         }
     }
 }
@@ -62,6 +62,8 @@ struct Halo {
     extinction: f64,
     /// Radiance above which no ray sees of it, times its distance from the ray for light that is scattered once.
     most: [f64; 2],
+    /// Sum of the intensities.
+    total: f64,
 }
 
 /// What of a light scatters.
@@ -98,7 +100,7 @@ impl<'a> Halos<'a> {
             Shape::Ball(..) => [0.0, more],
         };
         if extinction > 0.0 && total > 0.0 {
-            self.lights.push(Halo { shape, intensity, extinction, most });
+            self.lights.push(Halo { shape, intensity, extinction, most, total });
         }
     }
 
@@ -149,40 +151,42 @@ impl<'a> Halos<'a> {
 
     /// Adds the halos to a picture whose things stand `metres` away.
     pub fn draw(&self, camera: &Camera, metres: &[f32], picture: &mut Picture) {
-        if self.lights.is_empty() {
-            return;
+        if !self.lights.is_empty() {
+            tiles::draw(self, camera, metres, picture);
         }
-        let width = picture.width;
-        let secants = camera.secants();
-        let rows = picture.pixels.par_chunks_mut(width * TILE).zip(metres.par_chunks(width * TILE));
-        rows.enumerate().for_each(|(tile_row, (pixels, metres))| {
-            let ray = |x: f64, y: f64| camera.ray_with(&secants, x, (tile_row * TILE) as f64 + y);
-            let mut strip = Strip { halos: self, ray: &ray, width, pixels, metres };
-            (0..width).step_by(TILE).for_each(|left| strip.tile(left));
-        });
     }
 
     /// Radiance that all lights add on a ray that ends `end` m away, before a pixel of so much light.
+    #[cfg(test)]
     pub(crate) fn radiance(&self, ray: &Ray, end: f64, pixel: [f32; 3]) -> [f32; 3] {
+        self.radiance_of(0..self.lights.len(), ray, end, pixel)
+    }
+
+    /// The same of some lights by their numbers.
+    fn radiance_of(
+        &self,
+        lights: impl Iterator<Item = usize>,
+        ray: &Ray,
+        end: f64,
+        pixel: [f32; 3],
+    ) -> [f32; 3] {
         let least = f64::from(LEAST * (pixel[0] + pixel[1] + pixel[2]));
         let end = if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
-        let Spreading { once, more } = self.tables;
+        let Spreading { once, more, .. } = self.tables;
         let mut sum = [0.0f32; 3];
-        for Halo { shape, intensity, extinction, most } in &self.lights {
+        for number in lights {
+            let Halo { shape, intensity, extinction, .. } = &self.lights[number];
             let (middle, radius) = match shape {
                 Shape::Lamp(place) => (*place, LAMP_RADIUS_M),
                 Shape::Line(ends) => (0.5 * (ends[0] + ends[1]), 0.5 * ends[0].distance(ends[1])),
                 Shape::Ball(place, radius) => (*place, *radius),
             };
             let beside = PointBeside::new(middle, ray.origin, ray.direction, end, radius);
-            let bounds = [most[0] / beside.h, most[1]];
-            if bounds[0] + bounds[1] < least {
-                continue;
-            }
+            let bounds = self.bounds(number, &beside, radius, least);
             let mut add = |share: [f64; 3]| {
                 (0..3).for_each(|band| sum[band] += intensity[band] * share[band] as f32);
             };
-            if bounds[0] >= 0.5 * least {
+            if bounds[0] > 0.0 {
                 match shape {
                     Shape::Lamp(_) => add(once.of_point(*extinction, &beside)),
                     Shape::Line(ends) => {
@@ -191,123 +195,37 @@ impl<'a> Halos<'a> {
                     Shape::Ball(..) => {}
                 }
             }
-            if bounds[1] >= 0.5 * least {
+            if bounds[1] > 0.0 {
                 add(more.of_point(*extinction, &beside));
             }
         }
         sum
     }
-}
 
-/// A row of tiles.
-struct Strip<'a> {
-    halos: &'a Halos<'a>,
-    /// The ray through a place of the picture, y from the strip's top.
-    ray: &'a (dyn Fn(f64, f64) -> Ray + Sync),
-    width: usize,
-    pixels: &'a mut [[f32; 3]],
-    metres: &'a [f32],
-}
-
-impl Strip<'_> {
-    fn tile(&mut self, left: usize) {
-        let right = (left + TILE).min(self.width);
-        let height = self.pixels.len() / self.width;
-        let (mut near, mut far, mut darkest) = (f32::INFINITY, 0.0f32, [f32::INFINITY; 3]);
-        for y in 0..height {
-            for at in y * self.width + left..y * self.width + right {
-                let metres = self.ends(self.metres[at]);
-                (near, far) = (near.min(metres), far.max(metres));
-                (0..3).for_each(|band| darkest[band] = darkest[band].min(self.pixels[at][band]));
-            }
-        }
-        let Some(depths) = Depths::between(near, far) else { return self.each((left, right), height) };
-        let at = |x: f64, y: f64, end: f32| self.halos.radiance(&(self.ray)(x, y), f64::from(end), darkest);
-        let (x, y) = ([left as f64, right as f64], [0.0, height as f64]);
-        let corners =
-            |end: f32| [at(x[0], y[0], end), at(x[1], y[0], end), at(x[0], y[1], end), at(x[1], y[1], end)];
-        let nodes: Vec<[[f32; 3]; 4]> = (0..depths.count).map(|i| corners(depths.node(i))).collect();
-        // The middle of the tile, at the depth midway between two nodes, is where a mixture is farthest off.
-        let end = depths.node_at(0.5 * (depths.count - 1) as f32);
-        let (found, wanted) = (depths.mix(&nodes, end, [0.5; 2]), at(0.5 * (x[0] + x[1]), 0.5 * y[1], end));
-        let is_even = (0..3).all(|band| (found[band] - wanted[band]).abs() <= EVEN * wanted[band].abs());
-        if !is_even {
-            return self.each((left, right), height);
-        }
-        for y in 0..height {
-            for x in left..right {
-                let place = y * self.width + x;
-                let share = [(x - left) as f32 + 0.5, y as f32 + 0.5];
-                let share = [share[0] / (right - left) as f32, share[1] / height as f32];
-                let halo = depths.mix(&nodes, self.ends(self.metres[place]), share);
-                (0..3).for_each(|band| self.pixels[place][band] += halo[band]);
-            }
-        }
-    }
-
-    /// Where a ray ends as far as halos tell: behind this optical depth nothing comes to the eye.
-    fn ends(&self, metres: f32) -> f32 {
-        metres.min(DEEPEST / self.halos.extinction as f32)
-    }
-
-    /// Adds the halo of every pixel of a tile.
-    fn each(&mut self, (left, right): (usize, usize), height: usize) {
-        for y in 0..height {
-            for x in left..right {
-                let at = y * self.width + x;
-                let ray = (self.ray)(x as f64 + 0.5, y as f64 + 0.5);
-                let halo = self.halos.radiance(&ray, f64::from(self.metres[at]), self.pixels[at]);
-                (0..3).for_each(|band| self.pixels[at][band] += halo[band]);
-            }
-        }
-    }
-}
-
-/// Depths of a tile's things, and nodes between them at equal ratios.
-struct Depths {
-    near: f32,
-    /// Logarithm of the ratio of one node to the one before.
-    step: f32,
-    count: usize,
-}
-
-impl Depths {
-    /// Nodes from `near` to `far`; none where they would be so many that each pixel by itself is cheaper.
-    fn between(near: f32, far: f32) -> Option<Self> {
-        // What stands at the lens has no ratio to anything.
-        let near = near.max(f32::MIN_POSITIVE);
-        let span = libm::logf(far.max(near) / near);
-        let count = 1 + libm::ceilf(span / DEPTH_STEP) as usize;
-        let step = if count > 1 { span / (count - 1) as f32 } else { 0.0 };
-        (count <= MOST_DEPTHS).then_some(Self { near, step, count })
-    }
-
-    fn node(&self, i: usize) -> f32 {
-        self.node_at(i as f32)
-    }
-
-    fn node_at(&self, place: f32) -> f32 {
-        self.near * libm::expf(self.step * place)
-    }
-
-    /// Light at a depth and a share of the tile's width and height, of what its corners have at each node.
-    fn mix(&self, nodes: &[[[f32; 3]; 4]], metres: f32, [u, v]: [f32; 2]) -> [f32; 3] {
-        let corners = |nodes: &[[f32; 3]; 4], band: usize| {
-            let [a, b, c, d] = nodes.map(|corner| corner[band]);
-            let (top, bottom) = (a + u * (b - a), c + u * (d - c));
-            top + v * (bottom - top)
+    /// Bounds on what a light adds that is scattered once, and more often; 0 of what stays below `least`.
+    fn bounds(&self, number: usize, beside: &PointBeside, radius: f64, least: f64) -> [f64; 2] {
+        let Halo { extinction, most, total, shape, .. } = &self.lights[number];
+        let mut bounds = [most[0] / beside.h, most[1]];
+        let keep = |bounds: [f64; 2]| {
+            let is_lost = bounds[0] + bounds[1] < least;
+            bounds.map(|bound| if is_lost || bound < 0.5 * least { 0.0 } else { bound })
         };
-        if self.count == 1 {
-            return std::array::from_fn(|band| corners(&nodes[0], band));
+        bounds = keep(bounds);
+        // A ray that soon ends sees little even of what is bright around the light: its length times the most that is scattered
+        // towards it anywhere as near to the light as it comes.
+        let nearest = (beside.foot - beside.end).max(-beside.foot).max(0.0);
+        let near = (nearest * nearest + beside.h * beside.h).sqrt() - radius;
+        if near <= beside.end || bounds == [0.0; 2] {
+            return bounds;
         }
-        let i = ((libm::logf((metres / self.near).max(1.0)) / self.step) as usize).min(self.count - 2);
-        // Light grows with the ray's length and not with its logarithm.
-        let [from, to] = [self.node(i), self.node(i + 1)];
-        let share = ((metres - from) / (to - from)).clamp(0.0, 1.0);
-        std::array::from_fn(|band| {
-            let near = corners(&nodes[i], band);
-            near + share * (corners(&nodes[i + 1], band) - near)
-        })
+        if !matches!(shape, Shape::Ball(..)) {
+            let once = self.tables.peak * extinction * total * beside.end / (near * near);
+            bounds[0] = bounds[0].min(once);
+        }
+        if bounds[1] > 0.0 {
+            bounds[1] = bounds[1].min(self.tables.more.most_of_piece(*extinction, near, beside.end) * total);
+        }
+        keep(bounds)
     }
 }
 

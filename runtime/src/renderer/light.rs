@@ -2,7 +2,7 @@
 
 use super::{FrameReport, FrameTimes};
 use crate::camera::Ray;
-use crate::clouds::{Clouds, SunSource, Viewer, with_extinction};
+use crate::clouds::{Clouds, DirectExtent, SunSource, Viewer, with_extinction};
 use crate::error::RuntimeError;
 use crate::frame::Frame;
 use crate::place::Place;
@@ -82,7 +82,7 @@ pub fn light_cells(
     clouds.set_rays(frame.quality.rays);
     clouds.set_quality(frame.quality.light)?;
     let mut light = vec![Vec3::ZERO; clouds.cloud().shape.len()];
-    let lit = clouds.add_flashes(&frame.flashes, viewer, &mut light)?;
+    let lit = clouds.add_flashes(&frame.flashes, (viewer, DirectExtent::NearCloud), &mut light)?;
     with_extinction(clouds.cloud(), &light, flash_cells);
     let (ambient, of_sky) = ambient.of(clouds, (sky, &frame.sky), viewer)?;
     light.iter_mut().zip(ambient).for_each(|(sum, &ambient)| *sum += ambient);

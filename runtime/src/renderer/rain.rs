@@ -111,6 +111,14 @@ impl RainLight for DropLight<'_> {
         light
     }
 
+    fn contrast(&self, ray: &Ray, distance: f64) -> f32 {
+        let drop = ray.origin + ray.direction * distance;
+        let lamp = |(lamp, intensity): &(DVec3, [f32; 3])| {
+            mean(intensity) / (*lamp - drop).length_squared().max(0.01)
+        };
+        self.world.contrast_beside(self.lamps.iter().map(lamp).sum())
+    }
+
     fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
         let drop = ray.origin + ray.direction * distance;
         // The flash's beam, if there is one, is the last; the sun's stands before it.

@@ -12,6 +12,7 @@
 //! product per term and line, two multiplications per term and pixel.
 
 pub mod choice;
+mod column;
 mod draw;
 mod edge;
 mod frame;
@@ -140,18 +141,29 @@ struct Pose {
 }
 
 impl Tile<'_> {
-    /// Adds the part of a ribbon that lies in `clip`, columns and rows of the frame inside the tile.
-    fn add_ribbon(&mut self, ribbon: &Ribbon, clip: [[i32; 2]; 2]) {
+    /// Columns and rows of the frame that both the tile and a box of pixels have; none where there are none.
+    fn clip(&self, bounds: [i32; 4]) -> Option<[[i32; 2]; 2]> {
+        let size = [self.width, self.alpha.len().checked_div(self.width)?].map(|side| side as i32);
+        let clip = [0, 1].map(|axis| {
+            let low = bounds[axis].max(self.origin[axis]);
+            [low, bounds[axis + 2].min(self.origin[axis].saturating_add(size[axis]))]
+        });
+        clip.iter().all(|[low, high]| low < high).then_some(clip)
+    }
+
+    /// Adds the part of a ribbon's light, or with `which` 1 of its coverage, that lies in `clip`, columns and rows of the frame inside
+    /// the tile.
+    fn add_ribbon(&mut self, ribbon: &Ribbon, clip: [[i32; 2]; 2], which: usize) {
         let [low, high] = clip[usize::from(ribbon.columns)];
         let stride = if ribbon.columns { self.width } else { 1 };
-        for (line, first, shares) in ribbon.lines() {
+        for (line, first, blocks) in ribbon.lines() {
             let (from, to) = (first.max(low), first.saturating_add((ribbon.blocks * BLOCK) as i32).min(high));
             if from >= to {
                 continue;
             }
             let [x, y] = if ribbon.columns { [line, from] } else { [from, line] };
             let at = (y - self.origin[1]) as usize * self.width + (x - self.origin[0]) as usize;
-            let lights = &shares.as_flattened()[(from - first) as usize..(to - first) as usize];
+            let lights = &blocks[which].as_flattened()[(from - first) as usize..(to - first) as usize];
             let pixels = self.alpha[at..].iter_mut().step_by(stride);
             pixels.zip(lights).for_each(|(pixel, light)| *pixel += light);
         }
@@ -237,9 +249,12 @@ impl StreakSet {
         true
     }
 
-    /// Whether a streak's lines are rows.
-    pub(crate) fn in_rows(placed: &PlacedStreak) -> bool {
-        matches!(&placed.form, Form::Thin(thin) if !thin.level)
+    /// The kernel of a streak whose width is resolved.
+    pub(crate) fn resolved(placed: &PlacedStreak) -> Option<&StreakPlacement> {
+        match &placed.form {
+            Form::Wide(kernel) => Some(kernel),
+            Form::Thin(_) => None,
+        }
     }
 
     /// Adds a kernel's light to a tile: each pixel gains the pattern's mean over its square, times the weight.
@@ -252,27 +267,33 @@ impl StreakSet {
         }
     }
 
+    /// [`StreakSet::add`] of a thin streak that is ready, and what its drop covers into `column`, a tile of the same place.
+    pub(crate) fn add_thin(
+        &self,
+        placed: &PlacedStreak,
+        tile: &mut Tile,
+        column: &mut [f32],
+        scratch: &mut Scratch,
+    ) {
+        let (Form::Thin(thin), Some(clip)) = (&placed.form, tile.clip(placed.bounds)) else { return };
+        let Some(prepared) = self.prepared(placed.pattern) else { return };
+        let Scratch { mixed, ribbon, .. } = scratch;
+        prepared.thin.fill(thin, clip, mixed, ribbon);
+        tile.add_ribbon(ribbon, clip, 0);
+        Tile { alpha: column, ..*tile }.add_ribbon(ribbon, clip, 1);
+    }
+
     /// [`StreakSet::add`] of a kernel that is ready.
     pub(crate) fn add_placed(&self, placed: &PlacedStreak, tile: &mut Tile, scratch: &mut Scratch) {
         let PlacedStreak { pattern, bounds, form } = placed;
-        if tile.width == 0 {
-            return;
-        }
-        let size = [tile.width as i32, (tile.alpha.len() / tile.width) as i32];
-        let clip: [[i32; 2]; 2] = [0, 1].map(|axis| {
-            let low = bounds[axis].max(tile.origin[axis]);
-            [low, bounds[axis + 2].min(tile.origin[axis].saturating_add(size[axis]))]
-        });
-        if clip.iter().any(|[low, high]| low >= high) {
-            return;
-        }
+        let Some(clip) = tile.clip(*bounds) else { return };
         let Some(prepared) = self.prepared(*pattern) else { return };
         let kernel = match form {
             Form::Wide(kernel) => kernel,
             Form::Thin(thin) => {
                 let Scratch { mixed, ribbon, .. } = scratch;
                 prepared.thin.fill(thin, clip, mixed, ribbon);
-                return tile.add_ribbon(ribbon, clip);
+                return tile.add_ribbon(ribbon, clip, 0);
             }
         };
         let Some(pose) = Pose::new(kernel, prepared) else { return };

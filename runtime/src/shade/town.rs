@@ -72,6 +72,7 @@ pub struct Town {
     hills: Option<Hills>,
     material: Material,
     lamps: Vec<StreetLamp>,
+    lanes: lamps::LampLanes,
     reaches: OnceLock<Vec<lamps::LampReach>>,
 }
 
@@ -91,6 +92,7 @@ impl Town {
             hills: section.hills.as_ref().map(Hills::new),
             material: Material::new(&section.ground),
             lamps: section.lamps.clone(),
+            lanes: lamps::LampLanes::new(&section.lamps),
             reaches: OnceLock::new(),
         }
     }

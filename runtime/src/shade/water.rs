@@ -16,6 +16,15 @@ pub const GLASS: f32 = 1.52;
 /// Slope below which a surface counts as no smoother: its highlight is then narrower than the sun's disc.
 pub(super) const SMOOTHEST: f32 = 1e-3;
 
+/// Tilt of a facet, tan² over 2σ², beyond which it shows nothing.
+const STEEPEST: f32 = 25.0;
+
+/// tan² of the facet's tilt beyond which [`rippled_highlight`] shows nothing, with some more than round-off.
+pub(super) fn widest_spread(slope: f32) -> f32 {
+    let slope = slope.max(SMOOTHEST);
+    1.01 * STEEPEST * 2.0 * slope * slope + 1e-5
+}
+
 /// Share of unpolarised light that a plane water surface reflects, in [0.02, 1]; `cosine` of the angle between
 /// ray and normal, in [0, 1].
 pub fn water_reflectance(cosine: f32) -> f32 {
@@ -48,7 +57,7 @@ pub fn rippled_highlight(normal: Vec3, to_light: Vec3, to_viewer: Vec3, slope: f
     let slope = slope.max(SMOOTHEST);
     let spread = 2.0 * slope * slope;
     let tilt = (squared / (height * height) - 1.0) / spread;
-    if tilt > 25.0 {
+    if tilt > STEEPEST {
         return 0.0;
     }
     let half = sum / squared.sqrt();

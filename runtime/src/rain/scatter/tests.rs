@@ -4,6 +4,7 @@ use crate::depth::DepthKind;
 use crate::rain::kernel::Footprint;
 use crate::rain::{Surroundings, pattern::tests::set};
 use crate::random::Random;
+use crate::shade::streak::{StreakSet, tests::fine_line};
 use glam::DVec3;
 use squall_formats::units::Radians;
 
@@ -122,5 +123,101 @@ fn what_a_tile_shows_of_a_streak_is_what_its_pixels_do() {
                 Seen::InPlaces => assert!(depths != [2.0, 3.0] && depths != [9.0, 8.5]),
             }
         }
+    }
+}
+
+/// One streak of a drop `width` pixels wide, upright and 100 pixels long, its column's middle at x = 150.3.
+fn upright(width: f32) -> Streak {
+    Streak {
+        ends: [[150.3, 25.0], [150.3, 125.0]],
+        end_depths: [5.0, 5.0],
+        width,
+        // The disc's own, over the time that it takes.
+        coverage: std::f32::consts::FRAC_PI_4 * width * width,
+        ..streaks(1)[0]
+    }
+}
+
+/// A white picture before one streak whose drop shows no light, or all that `light` says, and its mask.
+fn one_streak<L: RainLight>(streak: Streak, light: &L) -> (Vec<[f32; 3]>, Vec<f32>) {
+    let kernel = StreakSet::new(&fine_line());
+    let scene = Scene { depth: None, kernel: &kernel, light, gain: 1.0 };
+    let mut picture = Picture::new(SIZE[0], SIZE[1]).unwrap();
+    picture.pixels.fill([1.0; 3]);
+    let mut canvas = Canvas::default();
+    let grid = [SIZE[0].div_ceil(TILE[0]), SIZE[1].div_ceil(TILE[1])];
+    canvas.draw(&camera(), &scene, (&[streak], PART), grid, &mut picture);
+    (picture.pixels, canvas.mask)
+}
+
+#[test]
+fn a_dark_drop_whose_light_would_be_a_fine_line_hides_all_of_its_band() {
+    /// A parabola of the chord's variance stands for the chord: a twentieth of its peak, an eighth at its ends.
+    const SHAPE: f64 = 0.06;
+    /// Tables' and window's sums, and the light of single precision.
+    const ENERGY: f64 = 5e-3;
+    let area_left_of = |t: f64| {
+        let t = t.clamp(-1.0, 1.0);
+        0.5 + (t * (1.0 - t * t).sqrt() + libm::asin(t)) / std::f64::consts::PI
+    };
+    for width in [0.3f32, 0.9, 2.5, 3.8, 9.0] {
+        let streak = upright(width);
+        let (pixels, mask) = one_streak(streak, &|_: &crate::camera::Ray, _: f64| [0.0; 3]);
+        let hidden: f64 = pixels.iter().map(|pixel| f64::from(1.0 - pixel[1])).sum();
+        let covered: f64 = mask.iter().map(|alpha| f64::from(*alpha)).sum();
+        let wanted = f64::from(streak.coverage);
+        for found in [hidden, covered] {
+            assert!((found / wanted - 1.0).abs() < ENERGY, "{width}: {found} of {wanted}");
+        }
+        // In the middle of its path, a pixel is covered as long as the disc's chords over it take to pass.
+        let peak = wanted / 100.0 * 4.0 / (std::f64::consts::PI * f64::from(width.max(1.0)));
+        for x in 140..161 {
+            let side = |at: f64| area_left_of((at - 150.3) / (0.5 * f64::from(width)));
+            let chords = wanted / 100.0 * (side(f64::from(x) + 1.0) - side(f64::from(x)));
+            let found = f64::from(mask[75 * SIZE[0] + x as usize]);
+            // A lattice's narrowest box spreads an edge by an eighth of a pixel.
+            let slack = if f64::from(width) < 1.0 { 0.3 } else { 0.0 };
+            assert!(
+                (found - chords).abs() < (2.0 * SHAPE + slack) * peak,
+                "{width}, {x}: {found} for {chords}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_bright_drop_shines_in_its_fine_line_and_still_hides_its_band() {
+    let streak = upright(9.0);
+    let (pixels, mask) = one_streak(streak, &|_: &crate::camera::Ray, _: f64| [3.0; 3]);
+    let row = |x: usize| 75 * SIZE[0] + x;
+    // Light that is added to what is left of the white behind.
+    let shown = |x: usize| f64::from(pixels[row(x)][0] - (1.0 - mask[row(x)]));
+    let all: f64 = (140..161).map(shown).sum();
+    let line: f64 = (149..152).map(shown).sum();
+    let column: f64 = (149..152).map(|x| f64::from(mask[row(x)])).sum();
+    let covered: f64 = (140..161).map(|x| f64::from(mask[row(x)])).sum();
+    assert!(line > 0.9 * all && column < 0.5 * covered, "{} {}", line / all, column / covered);
+    assert!((all / (3.0 * covered) - 1.0).abs() < 0.1, "{all} {covered}");
+}
+
+/// Light of one radiance in a world of that radiance.
+struct Even;
+
+impl RainLight for Even {
+    fn radiance(&self, _: &crate::camera::Ray, _: f64) -> [f32; 3] {
+        [1.0; 3]
+    }
+
+    fn contrast(&self, _: &crate::camera::Ray, _: f64) -> f32 {
+        crate::rain::light::contrast_of(1.0, 0.0, 0.0)
+    }
+}
+
+#[test]
+fn in_an_even_world_no_drop_can_be_seen_whatever_its_pattern() {
+    for width in [0.3, 2.5, 9.0] {
+        let (pixels, mask) = one_streak(upright(width), &Even);
+        assert!(mask.iter().any(|alpha| *alpha > 1e-4));
+        assert!(pixels.as_flattened().iter().all(|value| (value - 1.0).abs() < 1e-6), "{width}");
     }
 }

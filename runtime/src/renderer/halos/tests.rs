@@ -1,3 +1,4 @@
+use super::tiles::EVEN;
 use super::*;
 use crate::camera::Projection;
 use crate::rain::{RainField, RainVolume};

@@ -1,5 +1,6 @@
 //! From a stored pattern to what drawing needs.
 
+use super::column;
 use super::profile::Profile;
 use super::thin::Thin;
 use squall_formats::section::streak::{Body, CosinePattern, EdgeWindow, Pattern, StreakPattern, Window};
@@ -14,7 +15,7 @@ pub struct Prepared {
     pub body: Body,
     /// Periods across of its finest visible wave.
     pub finest: f64,
-    /// Where the pattern has light: ends of u and of v.
+    /// Where the pattern has light or its drop covers anything: ends of u and of v.
     pub range: [[f64; 2]; 2],
     /// How it is drawn where its width is resolved.
     pub light: PatternLight,
@@ -80,7 +81,19 @@ impl Prepared {
             }
             PatternLight::Products(_) => 0.0,
         };
-        Self { body, finest, range: range(&light), light, thin: Thin::new(&streak.pattern, integral) }
+        let (light_range, covered) = (range(&light), [body.u, body.v]);
+        // The drop's disc may reach beyond its light.
+        let range = [0, 1].map(|axis| {
+            let ([a, b], [c, d]) = (light_range[axis], covered[axis]);
+            [a.min(c), b.max(d)]
+        });
+        Self {
+            body,
+            finest,
+            range,
+            light,
+            thin: Thin::new(&streak.pattern, integral, column::profiles(streak)),
+        }
     }
 
     /// The cosines, of a pattern that is made of them.

@@ -44,6 +44,16 @@ impl Profile {
         Self { values, first, second }
     }
 
+    /// This profile, `own` times, and `factor` times another.
+    pub fn plus(&self, own: f64, factor: f64, other: &Self) -> Self {
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| own * a + factor * b).collect();
+        Self {
+            values: sum(&self.values, &other.values),
+            first: sum(&self.first, &other.first),
+            second: sum(&self.second, &other.second),
+        }
+    }
+
     /// Integral over [0, 1].
     pub fn integral(&self) -> f64 {
         self.first[INTERVALS]

@@ -1,9 +1,12 @@
 //! Streaks too thin to show what is across them: a few products, across × along.
 //!
-//! I(u, v) ≈ m(u) · Σ P_k(u) V_k(v), k = 0 … 3, with m the mean light across, P_k the polynomials that are
+//! I(u, v) ≈ m(u) · Σ P_k(u) V_k(v), k = 0 … 2, with m the mean light across, P_k the polynomials that are
 //! orthonormal under m, and V_k(v) = ∫ I(u, v) P_k(u) du. The first product holds the light of every cross
-//! section exactly, the next ones its centre, width and skewness: all that a few pixels can tell. A pattern that IS
-//! two products stays those two.
+//! section exactly, the next ones its centre and width: all that a few pixels can tell. A pattern that IS
+//! two products stays those two. The first product is chosen so that it holds all light along, and the others none.
+//!
+//! A fourth product is no light's: it is what the drop covers, the column of its disc ([`super::column`]). A width that shows no more of a
+//! pattern than that light is somewhere across it has one table across, for light and coverage both.
 //!
 //! Each factor is averaged over the pixel's shadow on its own axis, and tabulated for sizes and angles once. Across, the axis is the
 //! LINE of pixels itself (a row, of a rather upright streak): one pixel is then a whole number of the table's nodes at any angle, all
@@ -23,12 +26,13 @@ use crate::rain::kernel::{BLOCK, Ribbon};
 use crate::registers;
 use lines::Fill;
 use squall_formats::section::streak::Pattern;
-use tables::{moments, tabulate_across, tabulate_along};
+use tables::{gather_light, moments, tabulate_across, tabulate_along};
 
-/// Products.
-const RANK: usize = 4;
-/// Products of a width too narrow to show more, or of a pattern that has no more.
-const LOW_RANK: usize = 2;
+/// Products of light; and those of a table, the coverage's as the last.
+const LIGHTS: usize = 3;
+const RANK: usize = LIGHTS + 1;
+/// Those of a width too narrow to show more than where light is along.
+const LOW_RANK: usize = 1;
 /// Widths tabulated: pixels of the whole picture along a line, 2^(class/4 − 4), to 22.6 px.
 const WIDTHS: usize = 35;
 const WIDTHS_PER_OCTAVE: f32 = 4.0;
@@ -144,19 +148,24 @@ fn blocks_of(half: usize) -> usize {
 impl Thin {
     /// Tabulates a pattern whose integral over the plane is `integral`; what the samples miss of it (light
     /// beyond the picture's border) is made up for.
-    pub fn new(pattern: &Pattern, integral: f64) -> Self {
-        let (across, along, total) = match pattern {
-            Pattern::Separable(tables) if tables.rank() <= LOW_RANK => {
+    pub fn new(pattern: &Pattern, integral: f64, [disc_across, disc_along]: [Profile; 2]) -> Self {
+        let (mut across, mut along) = match pattern {
+            Pattern::Separable(tables) if tables.rank() <= LIGHTS => {
                 let ranks = 0..tables.rank();
                 let across: Vec<Profile> =
                     ranks.clone().map(|k| Profile::new(|u| tables.across_at(k, u))).collect();
-                let along: Vec<Profile> = ranks.map(|k| Profile::new(|v| tables.along_at(k, v))).collect();
-                let total = across.iter().zip(&along).map(|(a, b)| a.integral() * b.integral()).sum();
-                (across, along, total)
+                (across, ranks.map(|k| Profile::new(|v| tables.along_at(k, v))).collect())
             }
             _ => moments(pattern),
         };
+        gather_light(&mut across, &mut along);
+        let none = Profile::new(|_| 0.0);
+        across.resize(LIGHTS, none.clone());
+        along.resize(LIGHTS, none);
+        let total: f64 = across.iter().zip(&along).map(|(a, b)| a.integral() * b.integral()).sum();
         let scale: f64 = if f64::abs(total) > 1e-9 { integral / total } else { 1.0 };
+        across.push(disc_across);
+        along.push(disc_along.plus(integral / scale, 0.0, &disc_along));
         let energies: Vec<f64> = along.iter().map(Profile::square).collect();
         Self {
             across: tabulate_across(&across, &energies),

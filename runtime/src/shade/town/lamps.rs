@@ -3,15 +3,19 @@
 //! A lamp stands still and so does the town, so what it reaches is traced once: the nearest box or hill in 64 × 64 directions,
 //! asked for between four of them. A box is convex: its own faces never shade themselves, whatever the map's steps say.
 
+mod lanes;
 #[cfg(feature = "gpu")]
 mod upload;
 
-use super::light::irradiance;
+pub(super) use lanes::LampLanes;
+
 use super::{Hit, Thing, Town};
 use crate::octahedron::{fold, unfold};
 use crate::parallel::prelude::*;
 use crate::shade::town::light::{Lighting, SceneLight};
 use glam::Vec3;
+use lanes::LANES;
+use squall_formats::section::town::StreetLamp;
 
 /// Directions along each side of a lamp's map.
 pub(super) const SIDE: usize = 64;
@@ -72,9 +76,7 @@ impl Town {
     /// What every lamp reaches; traced when it is first asked for.
     fn traced(&self) -> &[LampReach] {
         self.reaches.get_or_init(|| {
-            let reach = |lamp: &squall_formats::section::town::StreetLamp| {
-                LampReach::new(self, Vec3::from_array(lamp.position))
-            };
+            let reach = |lamp: &StreetLamp| LampReach::new(self, Vec3::from_array(lamp.position));
             self.lamps.par_iter().map(reach).collect()
         })
     }
@@ -92,28 +94,40 @@ impl Town {
     /// shadowed, and left out where it can't add a ten-thousandth.
     pub(super) fn lamp_irradiance(&self, hit: &Hit, lighting: &Lighting, so_far: [f32; 3]) -> [f32; 3] {
         let total = |light: [f32; 3]| light[0] + light[1] + light[2];
-        let lamps = || self.street_lights().map(|lamp| (irradiance(&lamp, hit.point, hit.normal), lamp));
-        let least = LEAST * (total(so_far) + lamps().map(|(own, _)| total(own)).sum::<f32>());
+        let lamps = || self.lanes.irradiances(hit.point, hit.normal);
+        let all = lamps().fold([0.0; LANES], |sum, own| std::array::from_fn(|lane| sum[lane] + own[lane]));
+        let least = LEAST * (total(so_far) + all.iter().sum::<f32>());
         let mut sum = [0.0; 3];
-        for (number, (own, lamp)) in lamps().enumerate() {
-            if total(own) <= least {
-                continue;
-            }
-            let reach = self.lamp_share(number, hit);
-            if reach > 0.0 {
-                let share = reach * lighting.rain.left(hit.point, lamp.position);
-                (0..3).for_each(|band| sum[band] += share * own[band]);
+        for (eight, own) in lamps().enumerate() {
+            for (lane, own) in own.into_iter().enumerate().filter(|(_, own)| *own > least) {
+                let number = eight * LANES + lane;
+                let (reach, lamp) = (self.lamp_share(number, hit), &self.lamps[number]);
+                if reach > 0.0 {
+                    let share = reach * lighting.rain.left(hit.point, Vec3::from_array(lamp.position));
+                    let share = share * own / total(lamp.intensity);
+                    (0..3).for_each(|band| sum[band] += share * lamp.intensity[band]);
+                }
             }
         }
         sum
     }
 
-    pub(super) fn street_lights(&self) -> impl Iterator<Item = SceneLight> {
-        self.lamps.iter().map(|lamp| SceneLight {
-            position: Vec3::from_array(lamp.position),
-            intensity: lamp.intensity,
-            visibility: 1.0,
-        })
+    /// The lamps that may have a highlight on rippled water of this slope at a spot, with their numbers.
+    pub(super) fn lamps_in_water(
+        &self,
+        hit: &Hit,
+        to_viewer: Vec3,
+        slope: f32,
+    ) -> impl Iterator<Item = (usize, SceneLight)> {
+        let eights = self.lanes.highlights(hit.point, hit.normal, to_viewer, slope).enumerate();
+        let numbers = eights.flat_map(|(eight, may)| {
+            (0..LANES).filter(move |&lane| may[lane] > 0.0).map(move |lane| eight * LANES + lane)
+        });
+        numbers.filter_map(|number| Some((number, Self::street_light(self.lamps.get(number)?))))
+    }
+
+    fn street_light(lamp: &StreetLamp) -> SceneLight {
+        SceneLight { position: Vec3::from_array(lamp.position), intensity: lamp.intensity, visibility: 1.0 }
     }
 }
 

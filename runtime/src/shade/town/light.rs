@@ -358,9 +358,24 @@ impl Town {
         lighting: &Lighting,
         mirror: Mirror,
     ) -> (Parts<N>, f32) {
-        let (mut sum, share) = self.facets(direction, hit, surface, lighting, mirror);
+        let (sum, share) = self.facets(direction, hit, surface, lighting, mirror);
+        let mut light = sum;
+        light.add(1.0, self.images(direction, hit, surface, (lighting, mirror), sum));
+        (light, share)
+    }
+
+    /// Images of points and lines in water whose facets show `facets`: what that cannot be told from is left out.
+    pub(super) fn images<const N: usize>(
+        &self,
+        direction: Vec3,
+        hit: &Hit,
+        surface: &Surface,
+        (lighting, mirror): (&Lighting, Mirror),
+        facets: Parts<N>,
+    ) -> Parts<N> {
+        let mut sum = facets;
         if mirror.points == 0.0 {
-            return (sum, share);
+            return Parts::NONE;
         }
         let (start, to_viewer) = (Self::lifted(hit), -direction);
         // A pixel's own width adds to the facets' spread, so that no highlight falls between pixels.
@@ -395,7 +410,7 @@ impl Town {
         for (sum, stroke) in sum.strokes.iter_mut().zip(lighting.strokes) {
             shown_of(&stroke.images, sum);
         }
-        for (number, lamp) in self.street_lights().enumerate() {
+        for (number, lamp) in self.lamps_in_water(hit, to_viewer, slope) {
             let way = lamp.position - hit.point;
             let squared = way.length_squared().max(1e-4);
             let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
@@ -419,11 +434,12 @@ impl Town {
                 add(&mut sum.base, share, sun.irradiance);
             }
         }
-        (sum, share)
+        sum.add(-1.0, facets);
+        sum
     }
 
     /// What the facets of a rough mirror show of the world around, and the share of it that they reflect.
-    fn facets<const N: usize>(
+    pub(super) fn facets<const N: usize>(
         &self,
         direction: Vec3,
         hit: &Hit,

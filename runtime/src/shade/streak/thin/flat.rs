@@ -1,6 +1,6 @@
-//! The tables of thin streaks as a graphics card reads them: four products side by side, nothing padded.
+//! The tables of thin streaks as a graphics card reads them: three products of light and the coverage's side by side, nothing padded.
 
-use super::{BLOCK, LENGTHS, PHASES, RANK, SHIFTS, Thin, WIDTHS, half_of};
+use super::{BLOCK, LENGTHS, LIGHTS, PHASES, RANK, SHIFTS, Thin, WIDTHS, half_of};
 
 /// Where the tables of a width, and of a length, begin in a pattern's; the same for every pattern.
 #[derive(Clone, Copy, Debug)]
@@ -37,10 +37,11 @@ impl Thin {
             let half = half_of(at / SHIFTS.len());
             for node in 0..=PHASES {
                 let block = |k: usize, pixel: usize| (node * table.blocks + pixel / BLOCK) * table.rank + k;
-                // Products that a narrow width does not show are none.
-                let value = |k: usize, pixel: usize| match k < table.rank {
-                    true => table.values[block(k, pixel)][pixel % BLOCK],
-                    false => 0.0,
+                // A narrow width has one table for light and coverage, and no more products.
+                let value = |k: usize, pixel: usize| match (k, table.rank) {
+                    (0, _) | (_, RANK) => table.values[block(k, pixel)][pixel % BLOCK],
+                    (LIGHTS, _) => table.values[block(0, pixel)][pixel % BLOCK],
+                    _ => 0.0,
                 };
                 out.extend((0..2 * half).map(|pixel| std::array::from_fn(|k| value(k, pixel))));
             }

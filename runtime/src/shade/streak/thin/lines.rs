@@ -1,6 +1,8 @@
 //! The lines of a thin streak: where they begin and what they read, many at once, and their light, line by line.
 
-use super::{BLOCK, Block, GENTLE, LEVEL, LINES, LOW_RANK, PHASES, Packet, RANK, Thin, ThinPlace, half_of};
+use super::{
+    BLOCK, Block, GENTLE, LEVEL, LIGHTS, LINES, LOW_RANK, PHASES, Packet, RANK, Thin, ThinPlace, half_of,
+};
 use crate::rain::kernel::Ribbon;
 use crate::registers::{Registers, Work};
 use glam::{Mat4, Vec4};
@@ -41,11 +43,13 @@ fn fill<const K: usize, const LEVEL: bool>(
 ) {
     let mut starts = Starts::default();
     let mut from = ribbon.line;
-    let chunks = ribbon.first.chunks_mut(LINES).zip(ribbon.shares.chunks_mut(LINES * blocks));
-    for (firsts, shares) in chunks {
+    let Ribbon { first, shares, covers, .. } = ribbon;
+    let chunks = shares.chunks_mut(LINES * blocks).zip(covers.chunks_mut(LINES * blocks));
+    for (firsts, (shares, covers)) in first.chunks_mut(LINES).zip(chunks) {
         starts.fill::<LEVEL>(place, along, from);
         firsts.copy_from_slice(&starts.first[..firsts.len()]);
-        for (i, out) in shares.chunks_exact_mut(blocks).enumerate() {
+        let lines = shares.chunks_exact_mut(blocks).zip(covers.chunks_exact_mut(blocks));
+        for (i, (light, cover)) in lines.enumerate() {
             let at = starts.node[i] as usize * blocks * K;
             let Some(nodes) = mixed.get(at..at + 2 * blocks * K) else { continue };
             let line = Line {
@@ -55,7 +59,7 @@ fn fill<const K: usize, const LEVEL: bool>(
                 along_node: starts.along_node[i],
                 along_share: starts.along_share[i],
             };
-            line.fill::<K, LEVEL>(registers, along, out);
+            line.fill::<K, LEVEL>(registers, along, light, cover);
         }
         from += LINES as i32;
     }
@@ -190,19 +194,21 @@ impl Line<'_> {
         &self,
         registers: impl Registers,
         along: &Along,
-        out: &mut [Block],
+        light: &mut [Block],
+        cover: &mut [Block],
     ) {
         let (low, high) = self.nodes.split_at(self.nodes.len() / 2);
-        let blocks = out.iter_mut().zip(low.chunks_exact(K).zip(high.chunks_exact(K)));
-        for (block, (out, (low, high))) in blocks.enumerate() {
+        let out = light.iter_mut().zip(cover);
+        let blocks = out.zip(low.chunks_exact(K).zip(high.chunks_exact(K)));
+        for (block, ((light, cover), (low, high))) in blocks.enumerate() {
             if LEVEL {
                 let [values, _] = along.at_node(self.along_node, self.along_share);
                 let factors = [values.to_array(), [0.0; RANK]];
-                *out = products::<K>(registers, (low, high), self.share, 0.0, &factors);
+                [*light, *cover] = products::<K>(registers, (low, high), self.share, 0.0, &factors);
                 continue;
             }
             let node = self.along + (block * BLOCK) as f32 * along.step;
-            *out = if along.gentle || node > along.inner[0] && node < along.inner[1] {
+            [*light, *cover] = if along.gentle || node > along.inner[0] && node < along.inner[1] {
                 let [values, gain] = match block {
                     0 => along.at_node(self.along_node, self.along_share),
                     _ => along.at(node),
@@ -217,23 +223,36 @@ impl Line<'_> {
 
     /// A block at `node` of a leaning streak, each pixel at its own place along.
     #[inline(always)]
-    fn near_an_end<const K: usize>(&self, along: &Along, node: f32, low: &[Block], high: &[Block]) -> Block {
+    fn near_an_end<const K: usize>(
+        &self,
+        along: &Along,
+        node: f32,
+        low: &[Block],
+        high: &[Block],
+    ) -> [Block; 2] {
         let [a, _] = along.at(node - 1.5 * along.step);
         let [b, _] = along.at(node - 0.5 * along.step);
         let [c, _] = along.at(node + 0.5 * along.step);
         let [d, _] = along.at(node + 1.5 * along.step);
         // From a row a pixel to a row a product.
         let values = Mat4::from_cols(a, b, c, d).transpose();
-        let mut sum = Vec4::ZERO;
-        for (k, (low, high)) in low.iter().zip(high).enumerate() {
-            let near = Vec4::from_array(*low);
-            sum += (near + (Vec4::from_array(*high) - near) * self.share) * values.col(k);
+        let across = |k: usize| {
+            let near = Vec4::from_array(low[k]);
+            near + (Vec4::from_array(high[k]) - near) * self.share
+        };
+        if K == LOW_RANK {
+            let across = across(0);
+            return [across * values.x_axis, across * values.w_axis].map(|four| four.to_array());
         }
-        sum.to_array()
+        let mut sum = Vec4::ZERO;
+        for k in 0..LIGHTS {
+            sum += across(k) * values.col(k);
+        }
+        [sum, across(LIGHTS) * values.w_axis].map(|four| four.to_array())
     }
 }
 
-/// A block's sum of `K` products, whose factors gain `step` times the second ones from pixel to pixel.
+/// A block's light and coverage of `K` products, whose factors gain `step` times the second ones from pixel to pixel.
 #[inline(always)]
 fn products<const K: usize>(
     registers: impl Registers,
@@ -241,14 +260,14 @@ fn products<const K: usize>(
     share: f32,
     step: f32,
     factors: &[Packet; 2],
-) -> Block {
+) -> [Block; 2] {
     // Nothing here may be a closure: what is not inlined leaves the registers.
     if K == LOW_RANK {
-        if let (Some(low), Some(high)) = (low.first_chunk(), high.first_chunk()) {
-            return registers.two(low, high, share, step, factors);
+        if let (Some(low), Some(high)) = (low.first(), high.first()) {
+            return registers.one(low, high, share, step, factors);
         }
     } else if let (Some(low), Some(high)) = (low.first_chunk(), high.first_chunk()) {
         return registers.four(low, high, share, step, factors);
     }
-    [0.0; BLOCK]
+    [[0.0; BLOCK]; 2]
 }

@@ -1,7 +1,7 @@
 //! The tables of a thin pattern: a few products, their means over a pixel for every width, slant and length.
 
 use super::{
-    Across, BLOCK, LENGTHS, LOW_RANK, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS, blocks_of,
+    Across, BLOCK, LENGTHS, LIGHTS, LOW_RANK, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS, blocks_of,
     class_length, class_width, half_of,
 };
 use crate::shade::streak::profile::Profile;
@@ -10,11 +10,34 @@ use std::f64::consts::TAU;
 
 /// Samples of the pattern, across and along.
 const SAMPLES: [usize; 2] = [48, 192];
-/// What the last two products may hold of the light's square where they are left out.
+/// What of the light's square a narrow width may leave out: all that is in the products but where light is along.
 const UNSEEN: f64 = 3e-5;
 
-/// Profiles across and along of a pattern by moments, and their integral.
-pub(super) fn moments(pattern: &Pattern) -> (Vec<Profile>, Vec<Profile>, f64) {
+/// Makes the first product hold the light of every cross section, and the others none, without changing their sum: across it then
+/// adds up to 1.
+pub(super) fn gather_light(across: &mut [Profile], along: &mut [Profile]) {
+    let integrals: Vec<f64> = across.iter().map(Profile::integral).collect();
+    let Some(most) = (0..across.len()).max_by(|a, b| integrals[*a].abs().total_cmp(&integrals[*b].abs()))
+    else {
+        return;
+    };
+    if integrals[most].abs() < 1e-9 {
+        return;
+    }
+    let (first, mut all) =
+        (across[most].plus(1.0 / integrals[most], 0.0, &across[most]), along[most].clone());
+    all = all.plus(integrals[most], 0.0, &along[most]);
+    for k in (0..across.len()).filter(|k| *k != most) {
+        all = all.plus(1.0, integrals[k], &along[k]);
+        across[k] = across[k].plus(1.0, -integrals[k], &first);
+    }
+    (across[most], along[most]) = (first, all);
+    across.swap(0, most);
+    along.swap(0, most);
+}
+
+/// Profiles across and along of a pattern by moments.
+pub(super) fn moments(pattern: &Pattern) -> (Vec<Profile>, Vec<Profile>) {
     let [columns, rows] = SAMPLES;
     let light = sample(pattern);
     let mut weight: Vec<f64> = (0..columns)
@@ -25,24 +48,22 @@ pub(super) fn moments(pattern: &Pattern) -> (Vec<Profile>, Vec<Profile>, f64) {
     }
     let polynomials = orthonormal(&weight);
     let du = 1.0 / columns as f64;
-    let mut along_values = vec![[0.0; RANK]; rows];
+    let mut along_values = vec![[0.0; LIGHTS]; rows];
     for (j, out) in along_values.iter_mut().enumerate() {
         let section = &light[j * columns..][..columns];
         for (value, polynomial) in out.iter_mut().zip(&polynomials) {
             *value = section.iter().zip(polynomial).map(|(a, b)| a * b).sum::<f64>() * du;
         }
     }
-    // ∫ m P_0 du is P_0⁻¹ by orthonormality, and P_0 is a constant.
-    let total = along_values.iter().map(|values| values[0]).sum::<f64>() / rows as f64 / polynomials[0][0];
     let across = polynomials.iter().map(|polynomial| {
         let nodes: Vec<f64> = polynomial.iter().zip(&weight).map(|(p, m)| p * m).collect();
         Profile::new(|u| between(&nodes, u))
     });
-    let along = (0..RANK).map(|k| {
+    let along = (0..LIGHTS).map(|k| {
         let nodes: Vec<f64> = along_values.iter().map(|values| values[k]).collect();
         Profile::new(|v| between(&nodes, v))
     });
-    (across.collect(), along.collect(), total)
+    (across.collect(), along.collect())
 }
 
 /// The pattern at the middles of a grid of cells, u fastest.
@@ -81,8 +102,8 @@ fn orthonormal(weight: &[f64]) -> Vec<Vec<f64>> {
     let dot = |a: &[f64], b: &[f64]| -> f64 {
         a.iter().zip(b).zip(weight).map(|((a, b), m)| a * b * m).sum::<f64>() * step
     };
-    let mut basis: Vec<Vec<f64>> = Vec::with_capacity(RANK);
-    for degree in 0..RANK {
+    let mut basis: Vec<Vec<f64>> = Vec::with_capacity(LIGHTS);
+    for degree in 0..LIGHTS {
         let mut next: Vec<f64> = match basis.last() {
             None => vec![1.0; weight.len()],
             Some(last) => last.iter().enumerate().map(|(i, p)| p * ((i as f64 + 0.5) * step - 0.5)).collect(),
@@ -129,14 +150,18 @@ pub(super) fn tabulate_across(profiles: &[Profile], energies: &[f64]) -> Vec<Acr
 /// Products of a width that show.
 fn rank_of(profiles: &[Profile], energies: &[f64], class: usize) -> usize {
     let values = tabulate(profiles, (class_width(class), SHIFTS[0]), half_of(class), RANK);
-    let mut squares = [0.0; RANK];
-    for (at, block) in values.iter().enumerate() {
-        squares[at % RANK] += block.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>();
+    let (mut whole, mut unseen) = (0.0, 0.0);
+    let (packets, _) = values.as_chunks::<RANK>();
+    for packet in packets {
+        for pixel in 0..BLOCK {
+            let square = |value: f32| f64::from(value) * f64::from(value);
+            let [first, .., disc] = packet.map(|block| block[pixel]);
+            whole += square(first) * energies[0];
+            unseen += square(first - disc) * energies[0];
+            unseen += (1..LIGHTS).map(|k| square(packet[k][pixel]) * energies[k]).sum::<f64>();
+        }
     }
-    let held = |from: usize| {
-        squares.iter().zip(energies).skip(from).map(|(across, along)| across * along).sum::<f64>()
-    };
-    if held(LOW_RANK) <= UNSEEN * held(0) { LOW_RANK } else { RANK }
+    if unseen <= UNSEEN * whole { LOW_RANK } else { RANK }
 }
 
 /// Pixels of a line at every node, of the first products: means over the shadow of a pixel on the line, a box of its own side and one
