@@ -184,12 +184,14 @@ pub fn relight(
     let direct = match cell_direct {
         _ if exact => Vec::new(),
         Some(direct) if !towards.is_empty() => direct.towards,
-        _ => towards_viewer(relighter, rays, camera),
+        _ => towards_viewer((light.cells(), relighter.extinction_scale()), rays, camera),
     };
     let exact_lights: Vec<Light> = rays.iter().filter(|_| exact).map(|&light| light.into()).collect();
     progress.begin("image", u64::from(camera.height));
-    // Means per cell are on the rows' grid; beside them so is all light.
-    let light = if direct.is_empty() { light } else { light.on_rows_grid() };
+    let gathered = light.gather_report();
+    // An orthographic camera's means per cell are on the rows' grid; beside them so is all light.
+    let apart = !direct.is_empty() && direct.len() != light.cells().shape.len();
+    let light = if apart { light.on_rows_grid() } else { light };
     let lit = InScattered { direct: &direct, ..light.in_scattered() };
     let image = picture((relighter, light.cells()), &lit, &exact_lights, camera, progress)?;
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
@@ -202,7 +204,7 @@ pub fn relight(
         relight_ms: rows.milliseconds,
         error_bound: rows.error_bound,
         live,
-        gathered: light.gather_report().map(|report| GatheredReport {
+        gathered: gathered.map(|report| GatheredReport {
             sweeps: report.sweeps,
             residual: report.residual,
             stopped: report.stopped,
@@ -310,8 +312,11 @@ fn towards_field(
 }
 
 /// J of direct light towards a perspective camera, mean per cell.
-fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
-    let cloud = relighter.light_cloud();
+fn towards_viewer(
+    (cloud, extinction_scale): (&Cloud, f64),
+    lights: &[PointLight],
+    camera: &Camera,
+) -> Vec<f32> {
     let to_viewer: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
         .collect();
@@ -319,7 +324,7 @@ fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera)
     let rays_per_point = (CELL_RAYS / lights.len().max(1)).clamp(fewest, most) as u32;
     let settings = DirectSettings { rays: DirectRays::PerPoint(rays_per_point), ..DirectSettings::default() };
     let mut j = vec![0.0; cloud.shape.len()];
-    single_scatter::add_direct(cloud, relighter.extinction_scale(), lights, &to_viewer, settings, &mut j);
+    single_scatter::add_direct(cloud, extinction_scale, lights, &to_viewer, settings, &mut j);
     j
 }
 
