@@ -87,6 +87,11 @@ pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_
     }
 }
 
+/// The same with the threshold given: coefficients of that magnitude and above are kept. A threshold of 0 keeps all that are not zero.
+pub fn compress_row_at(coefficients: &[f32], planes: usize, codec: Codec, threshold: f32) -> CompressedRow {
+    write_row(coefficients, coefficients.len() / planes, codec, threshold)
+}
+
 fn square(value: f32) -> f64 {
     f64::from(value) * f64::from(value)
 }

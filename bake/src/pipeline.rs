@@ -2,6 +2,7 @@
 
 mod blocks;
 mod clouds;
+mod gathered;
 mod rain;
 mod rain_map;
 mod records;

@@ -31,6 +31,7 @@ use squall_runtime::shade::cloud::{
     Cells, CloudMarch, MarchQuality, WideRay, between, corners, direction_to,
 };
 use squall_runtime::single_scatter::{self, DirectRays, DirectSettings};
+use squall_runtime::transport::Cloud;
 use squall_runtime::transport::direct::Light;
 use std::time::Instant;
 
@@ -165,6 +166,7 @@ pub fn relight(
     let mut fields = Fields::default();
     if cells && let Some(direct) = &cell_direct {
         // Without what the rows hold of direct light, and that light apart.
+        let mut light = light.on_rows_grid();
         let mut planes = light.relit().planes.to_vec();
         let mut known = direct.clone();
         if from == DirectFrom::Rows {
@@ -182,12 +184,16 @@ pub fn relight(
     let direct = match cell_direct {
         _ if exact => Vec::new(),
         Some(direct) if !towards.is_empty() => direct.towards,
-        _ => towards_viewer(relighter, rays, camera),
+        _ => towards_viewer((light.cells(), relighter.extinction_scale()), rays, camera),
     };
     let exact_lights: Vec<Light> = rays.iter().filter(|_| exact).map(|&light| light.into()).collect();
     progress.begin("image", u64::from(camera.height));
+    let gathered = light.gather_report();
+    // An orthographic camera's means per cell are on the rows' grid; beside them so is all light.
+    let apart = !direct.is_empty() && direct.len() != light.cells().shape.len();
+    let light = if apart { light.on_rows_grid() } else { light };
     let lit = InScattered { direct: &direct, ..light.in_scattered() };
-    let image = picture(relighter, &lit, &exact_lights, camera, progress)?;
+    let image = picture((relighter, light.cells()), &lit, &exact_lights, camera, progress)?;
     fields.images.push((name.to_owned(), camera.width as usize, image.into()));
     let report = RelitReport {
         lights: lights.len(),
@@ -198,7 +204,7 @@ pub fn relight(
         relight_ms: rows.milliseconds,
         error_bound: rows.error_bound,
         live,
-        gathered: light.gather_report().map(|report| GatheredReport {
+        gathered: gathered.map(|report| GatheredReport {
             sweeps: report.sweeps,
             residual: report.residual,
             stopped: report.stopped,
@@ -306,8 +312,11 @@ fn towards_field(
 }
 
 /// J of direct light towards a perspective camera, mean per cell.
-fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera) -> Vec<f32> {
-    let cloud = relighter.light_cloud();
+fn towards_viewer(
+    (cloud, extinction_scale): (&Cloud, f64),
+    lights: &[PointLight],
+    camera: &Camera,
+) -> Vec<f32> {
     let to_viewer: Vec<[f32; 3]> = (0..cloud.shape.len())
         .map(|cell| direction_to(camera, cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
         .collect();
@@ -315,19 +324,19 @@ fn towards_viewer(relighter: &Relighter, lights: &[PointLight], camera: &Camera)
     let rays_per_point = (CELL_RAYS / lights.len().max(1)).clamp(fewest, most) as u32;
     let settings = DirectSettings { rays: DirectRays::PerPoint(rays_per_point), ..DirectSettings::default() };
     let mut j = vec![0.0; cloud.shape.len()];
-    single_scatter::add_direct(cloud, relighter.extinction_scale(), lights, &to_viewer, settings, &mut j);
+    single_scatter::add_direct(cloud, extinction_scale, lights, &to_viewer, settings, &mut j);
     j
 }
 
 /// The picture: radiance per pixel, never negative.
 fn picture(
-    relighter: &Relighter,
+    (relighter, grid): (&Relighter, &Cloud),
     lit: &InScattered<'_>,
     lights: &[Light],
     camera: &Camera,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
-    let (cloud, grid) = (relighter.cloud(), relighter.light_cloud());
+    let cloud = relighter.cloud();
     let exact = ExactDirect { lights, extinction_scale: relighter.extinction_scale() };
     let march =
         CloudMarch::new(cloud, Cells, MarchQuality::measured(shortest(cloud.cell_m))).with_exact(exact);

@@ -8,9 +8,11 @@
 mod batch;
 pub mod cache;
 pub mod directions;
+mod finer;
 pub mod grid;
 pub mod hidden;
 mod job;
+mod nodes;
 pub mod region;
 mod schedule;
 mod solved;
@@ -23,6 +25,7 @@ pub use crate::recipe::model::ResponseSettings;
 use batch::{Finish, Row, RowSolver, SOLVED, Wanted, Work};
 use cache::ResponseCache;
 pub use directions::{add_direct, in_26_directions};
+use finer::{Baked, bake_finer};
 pub use grid::{LightSpacing, WantedLights, light_grid};
 pub use job::{BakedResponse, HeldOutStroke, Job, Sources};
 use rayon::prelude::*;
@@ -34,6 +37,7 @@ use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{ResponseHead, ResponseRows};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
+use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::solve::{Solver, sweeps_together};
 
@@ -47,13 +51,21 @@ pub fn bake_response(job: &Job<'_>, progress: &dyn Progress) -> Result<BakedResp
     let settings = job.settings;
     let count = settings.basis.count();
     let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
-    let (mut rows, mut kept) = (ResponseRows::default(), 0);
+    let (mut rows, mut kept, mut thresholds) = (ResponseRows::default(), 0, Vec::new());
     let mut take = |row: CompressedRow| {
         kept += row.kept;
+        thresholds.push(row.threshold);
         rows.bounds.extend_from_slice(&row.bounds);
         rows.rows.push(row.bytes);
     };
-    let Gathered { head, held_out, sweeps } = solve_each_row(job, &code, &mut take, progress)?;
+    let Gathered { mut head, mut held_out, sweeps } = solve_each_row(job, &code, &mut take, progress)?;
+    // Those of virtual lights, which stand in front.
+    thresholds.truncate(job.sources.lights.wanted_count());
+    thresholds.sort_unstable_by(f32::total_cmp);
+    let threshold = thresholds.get(thresholds.len() / 2).copied().unwrap_or_default();
+    let mut baked = Baked { head: &mut head, rows: &mut rows, held_out: &mut held_out, kept, sweeps };
+    bake_finer(job, threshold, &mut baked, progress)?;
+    let Baked { kept, sweeps, .. } = baked;
     Ok(BakedResponse { head, rows, held_out, kept, sweeps })
 }
 
@@ -104,7 +116,13 @@ fn solve_each_row<R: Send>(
     progress: &dyn Progress,
 ) -> Result<Gathered, BakeError> {
     let fine = job.cloud.refined([job.settings.refine; 3])?;
-    let solver = Solver::<4>::new(&fine, job.settings.solve)?;
+    let mut solver = Solver::<4>::new(&fine, job.settings.solve)?;
+    if job.settings.seen_only {
+        // Light is stored where rays shade at most: sweeps step over the air around.
+        let (shaded, parent) = (job.cloud.shaded(), CoarseIndex::new(fine.shape, [job.settings.refine; 3]));
+        let read: Vec<bool> = (0..fine.shape.len()).map(|cell| shaded[parent.of(cell)]).collect();
+        solver = solver.read_in(&fine, &read);
+    }
     let rows = RowSolver::new(job, &fine, &solver);
     rows.check_visible()?;
     let head = planned_head(job, solver.scaled().extinction_scale, rows.seen());

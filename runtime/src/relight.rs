@@ -32,6 +32,7 @@ pub struct SourceWeight {
     pub intensity: f32,
 }
 
+mod finer;
 mod known;
 mod lit;
 mod response;
@@ -50,6 +51,8 @@ pub struct Relighter {
     frame: Option<ViewRegionFrame>,
     /// Rows whose checksum has been seen to be right.
     verified: Vec<AtomicBool>,
+    /// Of each finer level its nodes with their rows, nodes rising.
+    finer: Vec<Vec<(u32, u32)>>,
     /// Steps from each of the cloud's cells to the nearest with cloud in it, once asked for.
     distances: OnceLock<Vec<u8>>,
 }
@@ -61,6 +64,7 @@ pub struct RelightBuffers {
     parts: Vec<(u32, f64)>,
     coefficients: Vec<f32>,
     scratch: Vec<f32>,
+    window: Vec<f32>,
 }
 
 impl RelightBuffers {
@@ -120,7 +124,8 @@ impl Relighter {
         let frame =
             response.head.view_region.as_ref().map(|view_region| view_region_frame(view_region, &cloud));
         let distances = OnceLock::new();
-        Ok(Self { asset: asset.clone(), response, cloud, blocks, haar, frame, verified, distances })
+        let finer = finer::nodes_of(&response.head);
+        Ok(Self { asset: asset.clone(), response, cloud, blocks, haar, frame, verified, finer, distances })
     }
 
     /// The cloud grid.
@@ -231,7 +236,7 @@ impl Relighter {
         lights: &[PointLight],
         buffers: &'b mut RelightBuffers,
     ) -> Result<&'b [SourceWeight], RuntimeError> {
-        split_into(&self.response.head, lights, buffers)?;
+        split_into((&self.response.head, &self.finer), lights, buffers)?;
         Ok(&buffers.weights)
     }
 
@@ -259,7 +264,7 @@ impl Relighter {
         options: RelightOptions,
         buffers: &'b mut RelightBuffers,
     ) -> Result<Relit<'b>, RuntimeError> {
-        split_into(&self.response.head, lights, buffers)?;
+        split_into((&self.response.head, &self.finer), lights, buffers)?;
         self.sum_rows(options, buffers)
     }
 
@@ -328,16 +333,12 @@ impl Relighter {
         buffers.coefficients.clear();
         buffers.coefficients.resize(cells * count, 0.0);
         self.response.fetch(buffers.weights.iter().map(|weight| weight.row as usize))?;
-        for weight in &buffers.weights {
-            let row = weight.row as usize;
-            let known = self.verified[row].load(Ordering::Relaxed);
-            let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
-            let parts = coefficient_planes(bytes?, count).map_err(|error| self.asset.wrap(error))?;
-            self.verified[row].store(true, Ordering::Relaxed);
-            for (coefficients, sums) in parts.iter().zip(buffers.coefficients.chunks_exact_mut(cells)) {
-                accumulate(coefficients, &self.response.code, weight.intensity, sums)
-                    .map_err(|error| self.asset.wrap(error))?;
-            }
+        // Rows in windows stand behind all others, and weights are sorted by row.
+        let full = self.response.head.finer.first().map_or(u32::MAX, |level| level.first_row);
+        let (whole, windowed) =
+            buffers.weights.split_at(buffers.weights.partition_point(|weight| weight.row < full));
+        for weight in whole {
+            self.add_row(weight, &mut buffers.coefficients)?;
         }
         for (number, plane) in buffers.coefficients.chunks_exact_mut(cells).enumerate() {
             self.haar.inverse(plane, &mut buffers.scratch);
@@ -351,7 +352,23 @@ impl Relighter {
                 plane.iter_mut().for_each(|value| *value += ambient);
             }
         }
+        self.add_windows(windowed, (&mut buffers.window, &mut buffers.scratch), &mut buffers.coefficients)?;
         Ok(Relit { basis, frame: self.frame, cells, planes: &buffers.coefficients })
+    }
+
+    /// Adds a row's coefficients to those of `sums`, as many planes as the basis has.
+    fn add_row(&self, weight: &SourceWeight, sums: &mut [f32]) -> Result<(), RuntimeError> {
+        let (row, head) = (weight.row as usize, &self.response.head);
+        let (count, cells) = (head.basis.count(), sums.len() / head.basis.count());
+        let known = self.verified[row].load(Ordering::Relaxed);
+        let bytes = if known { self.response.row_unchecked(row) } else { self.response.row(row) };
+        let parts = coefficient_planes(bytes?, count).map_err(|error| self.asset.wrap(error))?;
+        self.verified[row].store(true, Ordering::Relaxed);
+        for (coefficients, sums) in parts.iter().zip(sums.chunks_exact_mut(cells)) {
+            accumulate(coefficients, &self.response.code, weight.intensity, sums)
+                .map_err(|error| self.asset.wrap(error))?;
+        }
+        Ok(())
     }
 
     /// The virtual point lights that the stroke last weighed was split over, each where it was baked.
@@ -409,7 +426,7 @@ fn corners(grid: &LightGrid) -> [DVec3; 2] {
 /// Errors: a point that is not finite or whose light was not baked.
 pub fn split_lights(head: &ResponseHead, lights: &[PointLight]) -> Result<Vec<SourceWeight>, RuntimeError> {
     let mut buffers = RelightBuffers::default();
-    split_into(head, lights, &mut buffers)?;
+    split_into((head, &finer::nodes_of(head)), lights, &mut buffers)?;
     Ok(buffers.weights)
 }
 
@@ -417,7 +434,7 @@ pub fn split_lights(head: &ResponseHead, lights: &[PointLight]) -> Result<Vec<So
 pub(crate) const BRIGHTEST: f64 = 1e25;
 
 fn split_into(
-    head: &ResponseHead,
+    (head, finer): (&ResponseHead, &[Vec<(u32, u32)>]),
     lights: &[PointLight],
     buffers: &mut RelightBuffers,
 ) -> Result<(), RuntimeError> {
@@ -444,6 +461,7 @@ fn split_into(
         if !covered {
             return Err(lit::refusal(&head.sources, light.position));
         }
+        finer::split_into((head, finer), light, &mut buffers.parts);
     }
     // Sorted by share too, so that the order of summing does not depend on the sort's inner workings.
     buffers.parts.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));

@@ -84,6 +84,8 @@ fn settings(case: Case) -> ResponseSettings {
         basis: case.basis,
         direct: case.direct,
         codec: case.codec,
+        finer: 0,
+        spacing_m: 0.0,
         relative_error: case.error,
         seen_only: false,
         view_region: None,

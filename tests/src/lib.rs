@@ -50,6 +50,8 @@ mod codec;
 #[cfg(test)]
 mod energy;
 #[cfg(test)]
+mod finer;
+#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod front_door;

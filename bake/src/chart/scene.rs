@@ -52,7 +52,9 @@ pub fn chart_scene(recipe: &Recipe, most: usize) -> Result<Option<ChartScene<'_>
         format!("the recipe's cloud on {nx} × {ny} × {nz} cells")
     };
     let planned = plan(&Site::new(recipe, clouds, &cloud), Margins::default(), &Quiet)?;
-    let (spacing_m, settings) = (planned.spacing_m, planned.settings);
+    let spacing_m = planned.spacing_m;
+    // Charts vary one light grid.
+    let settings = ResponseSettings { finer: 0, ..planned.settings };
     Ok(Some(ChartScene { recipe, clouds, cloud, words, spacing_m, settings }))
 }
 

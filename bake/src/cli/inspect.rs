@@ -266,7 +266,12 @@ fn describe_response(head: &ResponseHead) -> String {
             true => "not pruned: the whole box is lit".to_owned(),
             false => format!("pruned: {:.1} % of the box is lit", 100.0 * share_lit(&head.sources)),
         };
-        format!("{baked} of {x} × {y} × {z} virtual lights ({lit}), ")
+        let finer = head.finer.iter().enumerate().map(|(level, finer)| {
+            let (rows, windows, parts) = (finer.nodes.len(), finer.windows.len(), 2u32 << level);
+            format!("{rows} between them 1/{parts} as far apart, in {windows} windows of cells, ")
+        });
+        let finer: String = finer.collect();
+        format!("{baked} of {x} × {y} × {z} virtual lights ({lit}), {finer}")
     });
     let basis = head.basis.name();
     let cells = head.shape.len();

@@ -7,8 +7,11 @@ use crate::response::HeldOutStroke;
 use glam::DVec3;
 use rayon::prelude::*;
 use squall_formats::section::bolt::StrokeRecord;
-use squall_formats::section::response::DirectTerm;
+use squall_formats::section::response::{DirectTerm, DirectionalBasis};
+use squall_formats::sphere::MAX_HARMONICS;
 use squall_formats::view_region::ViewRegion;
+use squall_runtime::Clouds;
+use squall_runtime::clouds::LightQuality;
 use squall_runtime::random::Random;
 use squall_runtime::relight::{
     PointLight, RelightBuffers, RelightOptions, Relighter, Relit, view_region_frame,
@@ -62,6 +65,36 @@ impl HeldOutSet {
         let each = each.into_iter().collect::<Result<Vec<Scores>, _>>()?;
         let mean = |of: fn(&Scores) -> RelitError| RelitError::mean(&each.iter().map(of).collect::<Vec<_>>());
         Ok(Scores { codec: mean(|scores| scores.codec), stroke: mean(|scores| scores.stroke) })
+    }
+}
+
+impl HeldOutSet {
+    /// How far the strokes' light is off their truth when it is relit from `clouds`' rows and gathered `gathers` times, against all light as
+    /// [`HeldOutSet::scores`] has it.
+    ///
+    /// Errors: rows that light cannot be gathered from, a stroke that the asset has no rows for, a damaged row.
+    pub fn gathered(
+        &self,
+        clouds: &mut Clouds,
+        strokes: &[HeldOutStroke],
+        gathers: u32,
+    ) -> Result<RelitError, BakeError> {
+        clouds.set_quality(LightQuality { gathers, ..LightQuality::PLAIN })?;
+        let basis = DirectionalBasis::Harmonics { degree: 3 };
+        let factors = self.views.factors(basis, None);
+        let mut errors = Vec::with_capacity(strokes.len());
+        for (stroke, (truth, direct)) in strokes.iter().zip(&self.strokes) {
+            let light = clouds.light(&stroke.lights)?;
+            let coefficients = light.in_scattered().live.as_chunks::<MAX_HARMONICS>().0;
+            let cells = coefficients.len();
+            let plane = |m: usize| coefficients.iter().map(move |row| row[m]);
+            let planes: Vec<f32> = (0..MAX_HARMONICS).flat_map(plane).collect();
+            let relit = Relit { basis, frame: None, cells, planes: &planes };
+            let mut found = self.views.light(&relit, &factors);
+            found.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct);
+            errors.push(self.views.compare(&found, truth));
+        }
+        Ok(RelitError::mean(&errors))
     }
 }
 

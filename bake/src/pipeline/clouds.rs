@@ -1,9 +1,9 @@
 //! The cloud's part of a bake: settings that the recipe leaves to its budgets are planned, rows baked, the written bytes scored by
 //! held-out strokes that the plan did not see.
 
-use super::blocks;
 use super::records::{records, solver_records, sun_record};
 use super::stage::{Clock, StageOutput, StageReport};
+use super::{blocks, gathered};
 use crate::asset::{grid_section, in_memory};
 use crate::error::BakeError;
 use crate::evaluate::held_out::evaluate;
@@ -68,6 +68,7 @@ fn bake_to_budget(site: &Site<'_>, progress: &dyn Progress) -> Result<StageOutpu
         if excess.within(Margins::default()) {
             let mut budgets = records(budget, &made.head, &made.plan, &measured);
             budgets.extend(made.blocks_record(site, progress)?);
+            budgets.extend(made.gathered_records(progress)?);
             return Ok(made.output(budgets));
         }
         let chosen = made.plan.tried > 0 || excess.sun > 1.0;
@@ -211,6 +212,20 @@ impl Made {
             format!("L2 {:.1} % against the shown cells", 100.0 * error),
         ));
         Ok(Some(blocks::record(error, made)))
+    }
+
+    /// What a gather or two at run time leave of the error, where virtual lights have finer levels: they are baked for gathers to finish.
+    fn gathered_records(&mut self, progress: &dyn Progress) -> Result<Vec<BudgetRecord>, BakeError> {
+        if self.head.finer.is_empty() {
+            return Ok(Vec::new());
+        }
+        let clock = Clock::start();
+        let asset = in_memory(&self.sections)?;
+        let errors = gathered::errors(&asset, (&self.plan.settings, &self.held_out), progress)?;
+        let words = gathered::words(&errors);
+        let made = format!("{} held-out strokes", self.held_out.len());
+        self.reports.push(clock.report("gathers", made, 0, words));
+        Ok(gathered::records(&errors))
     }
 
     /// What a response without held-out strokes leaves behind.

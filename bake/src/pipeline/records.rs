@@ -65,7 +65,9 @@ fn error_records(
         (grid.axes().map(<[f64]>::len), rows.iter().filter(|&&row| row != NO_ROW).count())
     });
     let count = head.basis.count();
-    let grid = || format!("{baked} of {nx} × {ny} × {nz} virtual lights, {count} coefficients a cell");
+    let finer: usize = head.finer.iter().map(|level| level.nodes.len()).sum();
+    let finer = if finer > 0 { format!(" and {finer} between them") } else { String::new() };
+    let grid = || format!("{baked} of {nx} × {ny} × {nz} virtual lights{finer}, {count} coefficients a cell");
     let relit = "relit L2 on held-out strokes, against the same rows uncompressed";
     let chose_codec = budget.relit_l2.is_some() && budget.stroke_l2.is_none();
     let part = "response codec";

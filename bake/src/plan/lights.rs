@@ -119,8 +119,11 @@ impl<'a> Site<'a> {
         let spacing =
             LightSpacing { base_m: spacing_m, epsilon: stated.epsilon_per_m2, longest_m: stated.longest_m };
         let mut grid = light_grid(low, high, self.base, spacing);
-        if stated.prune {
+        if stated.prune || stated.in_cloud {
             grid.wanted = vec![false; grid.len()];
+            if stated.in_cloud {
+                self.want_in_cloud(&mut grid);
+            }
             for light in self.strokes.iter().flatten() {
                 for node in grid.around(light.position).into_iter().flatten() {
                     grid.wanted[node] = true;
@@ -128,6 +131,34 @@ impl<'a> Site<'a> {
             }
         }
         Ok(grid)
+    }
+
+    /// Wants the nodes that a light anywhere in cloud is split over.
+    fn want_in_cloud(&self, lights: &mut WantedLights) {
+        let cloud = self.cloud;
+        let cells = (0..cloud.shape.len()).filter(|&cell| cloud.extinction[cell] > 0.0);
+        let half = 0.5 * DVec3::from_array(cloud.cell_m);
+        for cell in cells {
+            let middle = cloud.centre(cloud.shape.cell(cell));
+            // Intervals that a cell spans: those of its corners, and all between.
+            let [low, high] = [middle - half, middle + half];
+            let axes = lights.grid.axes();
+            let spans = [0, 1, 2].map(|axis: usize| {
+                let nodes = axes[axis];
+                let first = nodes.partition_point(|&node| node <= low[axis]).saturating_sub(1);
+                let last = nodes.partition_point(|&node| node < high[axis]).min(nodes.len() - 1);
+                first..=last
+            });
+            let [nx, ny] = [axes[0].len(), axes[1].len()];
+            let [xs, ys, zs] = spans;
+            for k in zs {
+                for j in ys.clone() {
+                    for i in xs.clone() {
+                        lights.wanted[i + nx * (j + ny * k)] = true;
+                    }
+                }
+            }
+        }
     }
 
     /// Strokes of the given numbers that try a response over `lights`, or score it: the recipe's own, moved, where lights were
@@ -138,14 +169,18 @@ impl<'a> Site<'a> {
         spacing_m: f64,
         numbers: Range<usize>,
     ) -> Vec<Vec<PointLight>> {
-        let bounds = lights.grid.bounds().map(DVec3::from_array);
+        let mut bounds = lights.grid.bounds().map(DVec3::from_array);
+        if self.clouds.lights.in_cloud {
+            bounds = [self.cloud.origin_m.max(bounds[0]), self.cloud.far_corner().min(bounds[1])];
+            bounds[0].z = bounds[0].z.max(self.base);
+        }
         let usable = |point: DVec3| lights.reaches(point);
         if self.clouds.lights.prune {
             return shifted_strokes(&self.strokes, usable, 0.5 * spacing_m, numbers);
         }
         // Their points lie no closer where virtual lights do: strokes are the same for every spacing.
         let spacing_m = if self.clouds.given.spacing {
-            0.5 * spacing_m
+            0.5 * spacing_m / f64::from(1u32 << self.clouds.lights.levels)
         } else {
             (bounds[1] - bounds[0]).max_element() / POINTS
         };

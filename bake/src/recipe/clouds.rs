@@ -62,6 +62,18 @@ struct LightningFile {
     epsilon_per_m2: Option<Number>,
     longest_m: Option<Number>,
     prune: Option<bool>,
+    #[serde(rename = "where")]
+    place: Option<Spanned<PlaceName>>,
+    levels: Option<Number>,
+}
+
+/// Where strokes may be.
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum PlaceName {
+    Strokes,
+    Cloud,
+    Box,
 }
 
 #[derive(Default, Deserialize)]
@@ -181,9 +193,13 @@ impl CloudsFile {
         settings.view_region = self.view_region(&keys, source)?;
         self.check_basis(&settings, &keys, source)?;
         // A recipe that says what is good enough, or from where it is looked at, has no use for what nobody can reach.
+        self.check_finer(&lights, &settings, &budget, source)?;
+        (settings.finer, settings.spacing_m) = (lights.levels, lights.spacing_m);
         if budget.needs_held_out() || settings.view_region.is_some() {
             let boxed = lights.low_m.is_some() || lights.high_m.is_some();
-            lights.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
+            if self.lightning.place.is_none() {
+                lights.prune = self.lightning.prune.unwrap_or(has_strokes && !boxed);
+            }
         }
         let held_out = &self.response.test_strokes;
         Ok(Clouds {
@@ -207,6 +223,39 @@ impl CloudsFile {
             },
             keys,
         })
+    }
+
+    /// Refuses finer virtual lights where they cannot be solved for, or where a budget would have to choose them.
+    fn check_finer(
+        &self,
+        lights: &VirtualLights,
+        settings: &ResponseSettings,
+        budget: &CloudBudget,
+        source: &Source,
+    ) -> Result<(), RecipeError> {
+        if lights.levels == 0 {
+            return Ok(());
+        }
+        let span = source.locate(&["clouds", "lightning", "levels"]).unwrap_or(0..0);
+        let refused = |wanted: &str, found: &str| {
+            Err(source.error(span.clone(), "clouds.lightning.levels", wanted, found))
+        };
+        match (settings.basis, settings.direct) {
+            (DirectionalBasis::Harmonics { .. }, DirectTerm::AtRunTime) => {}
+            (DirectionalBasis::Harmonics { .. }, _) => {
+                return refused("0, or direct = \"run-time\" in [clouds.response]", "\"rows\"");
+            }
+            (basis, _) => {
+                return refused("0, or a basis \"harmonics-…\" in [clouds.response]", &basis.name());
+            }
+        }
+        if self.lightning.spacing_m.is_none() {
+            return refused("0, or clouds.lightning.spacing_m beside it", "none");
+        }
+        if budget.needs_held_out() {
+            return refused("0, or no budget that chooses: only sun_l2", "a budget that chooses");
+        }
+        Ok(())
     }
 
     /// The names under which keys with two are typed. One may not be typed twice.
@@ -327,6 +376,9 @@ impl CloudsFile {
             view_region: None,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
+            // Set where virtual lights are known.
+            finer: 0,
+            spacing_m: 0.0,
             solve,
         })
     }
@@ -428,6 +480,11 @@ impl LightningFile {
             let found = format!("{high:?} beside low_m {low:?}");
             return Err(source.error(value.span(), "clouds.lightning.high_m", "no less than low_m", found));
         }
+        if let (Some(place), Some(_)) = (&self.place, self.prune) {
+            let wanted = "no older form of clouds.lightning.where beside it";
+            return Err(source.error(place.span(), "clouds.lightning.prune", wanted, "both"));
+        }
+        let place = self.place.as_ref().map(|place| *place.get_ref());
         let metres = [1e-3, 1e6];
         Ok(VirtualLights {
             low_m,
@@ -441,7 +498,9 @@ impl LightningFile {
                 "1/m²",
             )?,
             longest_m: source.number("clouds.lightning.longest_m", &self.longest_m, 1e6, metres, "m")?,
-            prune: self.prune.unwrap_or(false),
+            prune: self.prune.unwrap_or(place == Some(PlaceName::Strokes)),
+            in_cloud: place == Some(PlaceName::Cloud),
+            levels: source.count("clouds.lightning.levels", &self.levels, 0, [0, 4])?,
         })
     }
 }

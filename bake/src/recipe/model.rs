@@ -94,6 +94,10 @@ pub struct VirtualLights {
     pub longest_m: f64,
     /// Bake only those that a stroke of the recipe can touch.
     pub prune: bool,
+    /// Bake those that a light in cloud can touch, and those that a stroke of the recipe can.
+    pub in_cloud: bool,
+    /// Levels between them, each with half the distance of the one before.
+    pub levels: u32,
 }
 
 /// What the recipe says of rain.
@@ -197,6 +201,10 @@ pub struct ResponseSettings {
     pub refine: u32,
     /// Direct rays per boundary face of the solve grid and axis.
     pub samples: u32,
+    /// Levels of virtual lights between those of the light grid, each with half the distance of the one before, in and beside cloud alone.
+    pub finer: u32,
+    /// Distance between the light grid's virtual lights, m; matters to finer levels alone.
+    pub spacing_m: f64,
     /// The sweeps.
     pub solve: SolveSettings,
 }

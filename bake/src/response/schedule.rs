@@ -86,6 +86,7 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
         seen: seen.map(pack_seen),
         sun: sources.sun.clone(),
         entropy: None,
+        finer: Vec::new(),
     }
 }
 

@@ -44,8 +44,11 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
         }
         ResponseSection::TAG => {
             let response = ResponseSection::read(bytes, version, limits)?;
-            let cells = response.head.shape.len();
-            for row in 0..response.row_count() {
+            let windows = response.head.finer.iter().flat_map(|level| level.windows_of_rows());
+            let full =
+                response.head.finer.first().map_or(response.row_count(), |level| level.first_row as usize);
+            let whole = std::iter::repeat_n(response.head.shape.len(), full);
+            for (row, cells) in whole.chain(windows.map(|window| window.shape.len())).enumerate() {
                 for plane in coefficient_planes(response.row(row)?, response.head.basis.count())? {
                     check_stream(&plane, &response.code, cells)?;
                 }

@@ -5,12 +5,14 @@
 //! an index, so that a reader touches only the sources that a stroke needs.
 
 mod entropy;
+mod finer;
 mod head;
 mod stream;
 mod sun;
 
 pub use crate::basis::DirectionalBasis;
 pub use entropy::EntropyRecord;
+pub use finer::{FinerLevel, MOST_LEVELS, Window};
 pub use head::{
     Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis,
     SweepScheme, pack_seen,
@@ -79,7 +81,7 @@ impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = head::TAG;
     /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, 3 with a sun or with light
-    /// on blocks of cells, 4 with codec `Entropy`.
+    /// on blocks of cells, 4 with finer levels of virtual lights or codec `Entropy`.
     pub const VERSION: u16 = 4;
 
     /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
@@ -240,7 +242,8 @@ pub fn write_beside(head: &ResponseHead, mut rows: ResponseRows, cloud: GridShap
     let mut head = head.clone();
     if head.codec == Codec::Entropy {
         let size = (head.shape.len(), head.basis.count());
-        match entropy::transcoded(&rows.rows, &|_| head.shape.len(), size) {
+        let cells: Vec<usize> = (0..rows.rows.len()).map(|row| head.row_cells(row as u32)).collect();
+        match entropy::transcoded(&rows.rows, &|row| cells[row], size) {
             Some((record, coded)) => {
                 head.entropy = Some(record);
                 rows.rows = coded;

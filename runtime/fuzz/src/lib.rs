@@ -118,6 +118,7 @@ pub fn response(u: &mut Unstructured<'_>, cloud: &CloudHead) -> Result<OutSectio
         },
         sun: None,
         entropy: None,
+        finer: Vec::new(),
     };
     let rows: Vec<Vec<u8>> =
         (0..count).map(|_| row(u, codec, basis.count(), cells)).collect::<Result<_>>()?;

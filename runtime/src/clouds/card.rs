@@ -51,7 +51,9 @@ impl Clouds {
     ///
     /// Errors: as [`Clouds::light`].
     pub(crate) fn parts_of(&mut self, lights: &[PointLight], viewer: Viewer) -> Result<Parts, RuntimeError> {
-        let inside = !self.gathers() && lights.iter().all(|light| self.relighter.reaches(light.position));
+        let inside = !self.gathers()
+            && !self.relighter.has_finer()
+            && lights.iter().all(|light| self.relighter.reaches(light.position));
         if !inside {
             let light = self.light(lights)?;
             let report = LightReport {
@@ -61,6 +63,9 @@ impl Clouds {
                 kept: 0,
                 residual: light.residual(),
             };
+            // The card reads light on the rows' grid.
+            #[cfg(feature = "live")]
+            let light = if self.gathers() { light.on_rows_grid() } else { light };
             let scattered = Scattered::Values(self.values_towards(&light.in_scattered(), viewer));
             return Ok(Parts { scattered, direct: light.direct, report });
         }

@@ -16,7 +16,7 @@ use crate::{
 };
 #[cfg(feature = "live")]
 use squall_formats::{
-    section::response::{DirectTerm, DirectionalBasis},
+    section::response::{DirectTerm, DirectionalBasis, SolverRecord},
     sphere::{self, MAX_HARMONICS},
 };
 
@@ -91,13 +91,13 @@ impl Clouds {
 /// What gathers and coarse live solves need of a cloud.
 #[cfg(feature = "live")]
 pub(super) struct Gatherer {
-    /// On the rows' solve grid, read where the asset's light is.
+    /// On the cloud's cells (of rows for those: on the rows' solve grid), read where the asset's light is.
     solver: LiveSolver,
     /// Steps from each solve cell to the nearest with cloud.
     distances: Vec<u8>,
     coarse: Option<Coarse>,
     buffers: GatherBuffers,
-    /// Cells of the rows' grid whose light is read.
+    /// The cloud's cells whose light is read.
     read: Vec<bool>,
 }
 
@@ -113,27 +113,30 @@ struct Coarse {
 impl Gatherer {
     /// Errors: a record that no solver can follow.
     fn new(relighter: &Relighter, live_cells: u32) -> Result<Self, RuntimeError> {
-        let (cloud, record) = (relighter.light_cloud(), &relighter.response().head.solver);
-        let mut read = relighter.known_light_cells();
+        let (cloud, rows, record) =
+            (relighter.cloud(), relighter.light_cloud(), &relighter.response().head.solver);
+        let mut read = relighter.known_cells();
         // Live light is needed wherever rays shade, though rows may leave out what their viewers cannot see.
         read.iter_mut().zip(cloud.shaded()).for_each(|(read, shaded)| *read |= shaded);
-        let solver = LiveSolver::new(cloud, record)?.read_in(&read);
+        let once = |record: &SolverRecord| SolverRecord { refine: [1; 3], ..record.clone() };
+        // Cells that rows hold light for in blocks are finer than the rows' own.
+        let own = if relighter.is_coarse() { once(record) } else { record.clone() };
+        let solver = LiveSolver::new(cloud, &own)?.read_in(&read);
         let fine = solver.solve_grid();
         let distances = distances(fine.shape, fine.extinction.iter().map(|&value| value > 0.0));
-        let counts = cloud.shape.to_array();
+        let counts = rows.shape.to_array();
         let factor = |axis: usize| (1..=live_cells).rev().find(|&f| counts[axis].is_multiple_of(f as usize));
         let factors = [0, 1, 2].map(|axis| factor(axis).unwrap_or(1));
-        let coarse = if factors == [1; 3] {
+        let is_whole = factors == [1; 3] && !relighter.is_coarse();
+        let coarse = if is_whole {
             None
         } else {
-            let large = cloud.coarsened(factors)?;
-            let record = squall_formats::section::response::SolverRecord { refine: [1; 3], ..record.clone() };
+            let large = rows.coarsened(factors)?;
             let shaded = large.shaded();
-            let down = [0, 1, 2].map(|axis| factors[axis] * relighter.response().head.solver.refine[axis]);
-            Some(Coarse {
-                solver: LiveSolver::new(&large, &record)?.read_in(&shaded),
-                index: CoarseIndex::new(fine.shape, down),
-            })
+            let size = |axis: usize| fine.shape.to_array()[axis] / large.shape.to_array()[axis];
+            let down = [0, 1, 2].map(|axis| size(axis) as u32);
+            let solver = LiveSolver::new(&large, &once(record))?.read_in(&shaded);
+            Some(Coarse { solver, index: CoarseIndex::new(fine.shape, down) })
         };
         Ok(Self { solver, distances, coarse, buffers: GatherBuffers::default(), read })
     }
@@ -179,62 +182,63 @@ impl Clouds {
             Some(gatherer) => gatherer,
             None => Gatherer::new(&self.relighter, self.quality.live_cells)?,
         };
-        let done = self.finish_with(&mut gatherer, (inside, outside), watch, light);
-        self.gatherer = Some(gatherer);
-        done
-    }
-
-    fn finish_with(
-        &self,
-        gatherer: &mut Gatherer,
-        (inside, outside): (&[PointLight], &[PointLight]),
-        watch: &mut dyn FnMut(f64) -> bool,
-        light: &mut CloudLight,
-    ) -> Result<(), RuntimeError> {
         let settings = DirectSettings { rays: self.rays, ..DirectSettings::default() };
         let mut direct = gatherer.direct(outside, settings);
-        if self.solves_coarsely() && !outside.is_empty() {
-            match &gatherer.coarse {
-                Some(coarse) => {
-                    let means = coarse.index.means(direct.as_flattened(), 4);
-                    let live = coarse.solver.solve_moments(means.as_chunks::<4>().0, watch)?;
-                    light.live_report =
-                        Some(super::LiveReport { sweeps: live.sweeps, residual: live.residual });
-                    light.live = spread(
-                        coarse.solver.solve_grid(),
-                        &live.coefficients,
-                        &self.relighter,
-                        &gatherer.read,
-                    );
-                }
-                // A grid that no larger cell divides.
-                None => {
-                    let live = gatherer.solver.solve_moments(&direct, watch)?;
-                    light.live_report =
-                        Some(super::LiveReport { sweeps: live.sweeps, residual: live.residual });
-                    light.live = live.coefficients;
-                }
-            }
-        }
-        if self.gathers() {
+        let solved = if coarsely { self.solve_coarsely(&gatherer, &direct, watch, light) } else { Ok(()) };
+        if solved.is_ok() && self.gathers() {
             if !inside.is_empty() {
                 let more = gatherer.direct(inside, settings);
                 let sums = direct.as_flattened_mut().iter_mut();
                 sums.zip(more.as_flattened()).for_each(|(sum, value)| *sum += value);
             }
-            let mut all = std::mem::take(&mut light.live);
-            all.resize(gatherer.read.len() * MAX_HARMONICS, 0.0);
-            if !inside.is_empty() {
-                add_rows(light, &mut all);
-            }
-            let Gatherer { solver, buffers, .. } = gatherer;
-            let report = solver.gather(&direct, self.quality.gathers, &mut all, buffers);
-            light.gathered = Some(report);
-            light.live = all;
-            light.basis = DirectionalBasis::Harmonics { degree: 0 };
-            light.planes = vec![0.0; gatherer.read.len()];
+            self.gather(&mut gatherer, &direct, light);
         }
+        self.gatherer = Some(gatherer);
+        solved
+    }
+
+    /// Solves for `direct`'s light in large cells; it comes out on the rows' grid.
+    fn solve_coarsely(
+        &self,
+        gatherer: &Gatherer,
+        direct: &[[f32; 4]],
+        watch: &mut dyn FnMut(f64) -> bool,
+        light: &mut CloudLight,
+    ) -> Result<(), RuntimeError> {
+        let Gatherer { coarse, solver, .. } = gatherer;
+        let live = match coarse {
+            Some(Coarse { solver, index }) => {
+                let means = index.means(direct.as_flattened(), 4);
+                solver.solve_moments(means.as_chunks::<4>().0, watch)?
+            }
+            // A grid that no larger cell divides.
+            None => solver.solve_moments(direct, watch)?,
+        };
+        light.live_report = Some(super::LiveReport { sweeps: live.sweeps, residual: live.residual });
+        light.live = match coarse {
+            Some(coarse) => {
+                let rows = self.relighter.light_cloud();
+                spread(coarse.solver.solve_grid(), &live.coefficients, rows, &rows.shaded())
+            }
+            None => live.coefficients,
+        };
         Ok(())
+    }
+
+    /// Gathers over all light, on the cloud's own cells.
+    fn gather(&self, gatherer: &mut Gatherer, direct: &[[f32; 4]], light: &mut CloudLight) {
+        let rows = self.relighter.light_cloud();
+        let mut all = std::mem::take(&mut light.live);
+        all.resize(rows.shape.len() * MAX_HARMONICS, 0.0);
+        add_rows(light, &mut all);
+        if self.relighter.is_coarse() {
+            all = spread(rows, &all, self.relighter.cloud(), &gatherer.read);
+        }
+        let Gatherer { solver, buffers, read, .. } = gatherer;
+        light.gathered = Some(solver.gather(direct, self.quality.gathers, &mut all, buffers));
+        light.live = all;
+        light.basis = DirectionalBasis::Harmonics { degree: 0 };
+        light.planes = vec![0.0; read.len()];
     }
 }
 
@@ -266,6 +270,10 @@ fn check_rows(relighter: &Relighter) -> Result<(), RuntimeError> {
 /// Adds the rows' J to 16 harmonic coefficients a cell.
 #[cfg(feature = "live")]
 fn add_rows(light: &CloudLight, coefficients: &mut [f32]) {
+    if light.sources == 0 {
+        // Nothing of it is from rows, whatever they hold.
+        return;
+    }
     let cells = coefficients.len() / MAX_HARMONICS;
     let rows = coefficients.as_chunks_mut::<MAX_HARMONICS>().0;
     match light.basis {
@@ -290,17 +298,17 @@ fn add_rows(light: &CloudLight, coefficients: &mut [f32]) {
     }
 }
 
-/// Coefficients of a coarse grid's cells read between their middles in those of the rows' cells that are read.
+/// Coefficients of a coarse grid's cells, read between their middles in those of `cloud`'s that are read.
 #[cfg(feature = "live")]
 fn spread(
     coarse: &crate::transport::Cloud,
     coefficients: &[f32],
-    relighter: &Relighter,
+    cloud: &crate::transport::Cloud,
     read: &[bool],
 ) -> Vec<f32> {
     /// Cells that one thread takes at a time.
     const AT_ONCE: usize = 4096;
-    let (cloud, from) = (relighter.light_cloud(), coefficients.as_chunks::<MAX_HARMONICS>().0);
+    let from = coefficients.as_chunks::<MAX_HARMONICS>().0;
     let mut out = vec![0.0f32; cloud.shape.len() * MAX_HARMONICS];
     out.par_chunks_mut(AT_ONCE * MAX_HARMONICS).enumerate().for_each(|(number, values)| {
         for (at, to) in values.as_chunks_mut::<MAX_HARMONICS>().0.iter_mut().enumerate() {

@@ -105,12 +105,49 @@ pub struct CloudLight {
 }
 
 impl CloudLight {
+    /// The grid that the light is known on: the rows', or where it was gathered the cloud's own.
+    pub fn cells(&self) -> &Cloud {
+        #[cfg(feature = "live")]
+        if self.gathered.is_some() {
+            return self.relighter.cloud();
+        }
+        self.relighter.light_cloud()
+    }
+
+    /// Whether the light is known on larger cells than the cloud's.
+    fn is_coarse(&self) -> bool {
+        self.cells().shape != self.relighter.cloud().shape
+    }
+
+    /// The same light on the rows' grid, as means over its cells.
+    #[cfg(feature = "live")]
+    #[doc(hidden)]
+    #[must_use]
+    pub fn on_rows_grid(&self) -> Self {
+        let (rows, cells) = (self.relighter.light_cloud().shape, self.cells().shape);
+        let down = [0, 1, 2].map(|axis: usize| (cells.to_array()[axis] / rows.to_array()[axis]) as u32);
+        let index = crate::transport::cloud::CoarseIndex::new(cells, down);
+        let plane = |plane: &[f32]| index.means(plane, 1);
+        Self {
+            relighter: self.relighter.clone(),
+            basis: self.basis,
+            planes: self.planes.chunks_exact(cells.len()).flat_map(plane).collect(),
+            direct: self.direct.clone(),
+            live: if self.live.is_empty() { Vec::new() } else { index.means(&self.live, 16) },
+            live_report: self.live_report,
+            gathered: None,
+            lights: self.lights,
+            lights_outside: self.lights_outside,
+            sources: self.sources,
+        }
+    }
+
     /// The light as the rows hold it; nothing where it went into gathers ([`super::LightQuality::gathers`]).
     pub fn relit(&self) -> Relit<'_> {
         Relit {
             basis: self.basis,
             frame: self.relighter.view_region_frame(),
-            cells: self.relighter.light_cloud().shape.len(),
+            cells: self.cells().shape.len(),
             planes: &self.planes,
         }
     }
@@ -176,10 +213,11 @@ impl CloudLight {
             self.settings(),
             out,
         );
-        let scattered: Vec<f32> =
-            (0..relighter.light_cloud().shape.len()).map(|cell| lit.fluence(cell)).collect();
-        let mut spread = vec![0.0; out.len()];
-        relighter.spread(&scattered, &mut spread);
+        let mut spread: Vec<f32> = (0..self.cells().shape.len()).map(|cell| lit.fluence(cell)).collect();
+        if self.is_coarse() {
+            let scattered = std::mem::replace(&mut spread, vec![0.0; out.len()]);
+            relighter.spread(&scattered, &mut spread);
+        }
         let known = relighter.known_cells();
         for (cell, value) in out.iter_mut().enumerate() {
             // A codec's error may leave a dark cell below zero; fluence is not. Cut off with the direct light there, it moves the
@@ -220,7 +258,13 @@ impl CloudLight {
         out: &mut [f32],
     ) {
         let (cloud, scale) = (self.relighter.cloud(), self.relighter.extinction_scale());
-        spread_towards(&self.relighter, &self.in_scattered(), viewer, out);
+        if self.is_coarse() || !self.relighter.is_coarse() {
+            spread_towards(&self.relighter, &self.in_scattered(), viewer, out);
+        } else {
+            // Gathered on the cloud's own cells.
+            let towards = |middle: DVec3| viewer.direction_from(middle);
+            self.in_scattered().towards_known(cloud, &self.relighter.known_cells(), towards, out);
+        }
         if extent == DirectExtent::Everywhere && self.relighter.is_coarse() {
             // Blocks that nobody sees hold what codes best, which is nobody's light; between blocks it was read too.
             let known = self.relighter.known_cells();

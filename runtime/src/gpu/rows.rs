@@ -184,13 +184,15 @@ impl Rows {
 }
 
 impl Relighter {
-    /// Hands every coefficient of every row to `each`: row, plane, place, value.
+    /// Hands every coefficient of every row that holds light in all cells to `each`: row, plane, place, value. Rows in windows are summed
+    /// elsewhere.
     ///
     /// Errors: a damaged row.
     fn each_coefficient(&self, mut each: impl FnMut(usize, usize, usize, f32)) -> Result<(), RuntimeError> {
         let response = self.response();
         let (cells, planes) = (response.head.shape.len(), response.head.basis.count());
-        for row in 0..response.row_count() {
+        let full = response.head.finer.first().map_or(response.row_count(), |level| level.first_row as usize);
+        for row in 0..full {
             let parts = coefficient_planes(response.row(row)?, planes).map_err(|error| self.wrap(error))?;
             for (plane, part) in parts.iter().enumerate() {
                 if part.mean != 0.0 {

@@ -49,6 +49,8 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
         let lights = WantedLights { grid, wanted: Vec::new() };
         let settings = ResponseSettings {
             seen_only: false,
+            finer: 0,
+            spacing_m: 0.0,
             view_region: None,
             basis: DirectionalBasis::Harmonics { degree: 1 },
             direct: DirectTerm::AtRunTime,

@@ -52,6 +52,11 @@ pub fn response(asset: &Asset) -> Result<Value, RuntimeError> {
         "light_grid": grid.map(|(grid, _)| grid.axes().map(<[f64]>::len)),
         "bounds_m": grid.map(|(grid, _)| grid.bounds()),
         "virtual_lights": baked,
+        "finer_levels": head.finer.iter().map(|level| json!({
+            "light_grid": level.grid.axes().map(<[f64]>::len),
+            "virtual_lights": level.nodes.len(),
+            "windows": level.windows.len(),
+        })).collect::<Vec<_>>(),
         "prune": grid.zip(baked).map(|((_, rows), baked)| baked < rows.len()),
         "share_of_bounds": grid.map(|_| share_lit(&head.sources)),
         "distant": distant.collect::<Vec<_>>(),

@@ -1,6 +1,7 @@
 //! A response's metadata: which sources its rows belong to, what their coefficients mean, how they were solved for.
 
 use super::entropy::EntropyRecord;
+use super::finer::FinerLevel;
 use super::sun::SunDirections;
 use crate::basis::DirectionalBasis;
 use crate::error::{Limits, ReadError};
@@ -153,6 +154,8 @@ pub struct ResponseHead {
     pub seen: Option<Vec<u8>>,
     /// Where the sun may stand whose beams are among the distant lights. New in version 3.
     pub sun: Option<SunDirections>,
+    /// Virtual lights between those of the light grid, coarse to fine; their rows stand behind all others. New in version 4.
+    pub finer: Vec<FinerLevel>,
     /// How rows of codec `Entropy` are coded; [`super::write()`] makes it. New in version 4.
     pub entropy: Option<EntropyRecord>,
 }
@@ -161,6 +164,7 @@ impl ResponseHead {
     /// The oldest version that can say this, which is the one that is written.
     pub(super) fn version(&self, cloud_blocks: bool) -> u16 {
         match (self.codec, self.sun.is_some() || cloud_blocks) {
+            _ if !self.finer.is_empty() => 4,
             (Codec::Entropy, _) => 4,
             (_, true) => 3,
             (_, false) => 2,
@@ -222,8 +226,8 @@ struct HeadV2 {
 impl From<HeadV2> for ResponseHead {
     fn from(head: HeadV2) -> Self {
         let HeadV2 { shape, sources, distant, basis, direct, codec, solver, view_region, seen } = head;
-        let (sun, entropy) = (None, None);
-        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, entropy }
+        let (sun, finer, entropy) = (None, Vec::new(), None);
+        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, finer, entropy }
     }
 }
 
@@ -256,6 +260,7 @@ impl HeadV1 {
             view_region: None,
             seen: None,
             sun: None,
+            finer: Vec::new(),
             entropy: None,
         })
     }
@@ -287,8 +292,9 @@ impl ResponseHead {
         head.check_seen()?;
         head.solver.check()?;
         let rows = head.check_sources(limits)?;
+        let finer = head.check_finer(limits, rows)?;
         head.check_sun()?;
-        Ok((head, rows))
+        Ok((head, rows + finer))
     }
 
     /// A view region, and a basis that needs one.
@@ -340,14 +346,7 @@ impl ResponseHead {
     /// Light grid and distant light; the number of rows that they name, each once.
     fn check_sources(&self, limits: &Limits) -> Result<usize, ReadError> {
         let SourceBasis::LightGrid { grid, rows: node_rows } = &self.sources;
-        for axis in grid.axes() {
-            let rising = axis.windows(2).all(|pair| pair[0] < pair[1]);
-            if axis.is_empty() || !rising || !axis.iter().all(|v| v.is_finite()) {
-                let found = format!("{} nodes", axis.len());
-                return Err(invalid(None, "light grid axis", "rising finite metres", found));
-            }
-        }
-        let nodes = grid.axes().iter().fold(1u64, |nodes, axis| nodes.saturating_mul(axis.len() as u64));
+        let nodes = check_axes(grid)?;
         if nodes != node_rows.len() as u64 {
             let found = format!("{} for {nodes}", node_rows.len());
             return Err(invalid(None, "light grid rows", "one a node", found));
@@ -379,6 +378,18 @@ impl ResponseHead {
         }
         Ok(count)
     }
+}
+
+/// Axes of a light grid; the number of its nodes.
+pub(super) fn check_axes(grid: &LightGrid) -> Result<u64, ReadError> {
+    for axis in grid.axes() {
+        let rising = axis.windows(2).all(|pair| pair[0] < pair[1]);
+        if axis.is_empty() || !rising || !axis.iter().all(|v| v.is_finite()) {
+            let found = format!("{} nodes", axis.len());
+            return Err(invalid(None, "light grid axis", "rising finite metres", found));
+        }
+    }
+    Ok(grid.axes().iter().fold(1u64, |nodes, axis| nodes.saturating_mul(axis.len() as u64)))
 }
 
 impl SolverRecord {

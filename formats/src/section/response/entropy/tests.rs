@@ -23,10 +23,12 @@ fn rows(count: usize, most_gap: u64) -> Vec<Vec<u8>> {
         for plane in 0..PLANES {
             let mut writer = StreamWriter::default();
             let mut index = 0;
-            while row % 5 != plane {
+            // One plane in five of each holds nothing.
+            let held = row % 5 != plane;
+            loop {
                 let gap = if draw.below(9) == 0 { draw.below(most_gap) } else { draw.below(3) };
                 index += 1 + gap as usize;
-                if index >= CELLS / 4 {
+                if !held || index >= CELLS / 4 {
                     break;
                 }
                 match draw.below(50) {

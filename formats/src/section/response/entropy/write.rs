@@ -81,7 +81,7 @@ impl Symbols {
                 bytes.push(state as u8);
                 state >>= 8;
             }
-            state = (state / size << SHARE_BITS) + state % size + start;
+            state = ((state / size) << SHARE_BITS) + state % size + start;
         }
         let mut out = Vec::new();
         while count > 0x7f {

@@ -1,0 +1,331 @@
+//! Rows of finer virtual lights: each the answer to a light less what coarser ones have for it, solved in a window of cells.
+//!
+//! Within a window nothing is known of the cloud around it: walls are empty space. Direct light is exact even so, because it goes straight
+//! from lights in the window; what is scattered back from beyond is missing, and little for light whose intensities sum to
+//! nothing. Memory: per thread some sixty values a cell of the largest window and light of a batch, and the coded rows.
+
+use super::hidden::HiddenCells;
+use super::job::{HeldOutStroke, Job};
+use super::nodes::{Batch, Levels, batches, reach_m};
+use crate::compress::{CompressedRow, compress_row_at};
+use crate::error::BakeError;
+use crate::progress::Progress;
+use glam::DVec3;
+use rayon::prelude::*;
+use squall_formats::haar::Haar;
+use squall_formats::light_grid::LightGrid;
+use squall_formats::section::response::{
+    DirectTerm, DirectionalBasis, FinerLevel, NO_ROW, ResponseHead, ResponseRows, Window,
+};
+use squall_formats::sphere::degree_of;
+use squall_runtime::transport::cloud::CoarseIndex;
+use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::lanes::{F32x16, Lanes};
+use squall_runtime::transport::solve::{GATHERED, SolveBuffers, Solver};
+use squall_runtime::transport::{Boundary, Cloud};
+use std::collections::BTreeMap;
+
+/// Batches between two ordered gatherings.
+const BATCHES_AT_ONCE: usize = 32;
+
+/// What a level's rows are added to.
+pub(super) struct Baked<'a> {
+    pub(super) head: &'a mut ResponseHead,
+    pub(super) rows: &'a mut ResponseRows,
+    pub(super) held_out: &'a mut [HeldOutStroke],
+    /// Coefficients kept.
+    pub(super) kept: usize,
+    /// Sweeps times sixteen lights.
+    pub(super) sweeps: u64,
+}
+
+/// A batch's rows: of the nodes that have any light worth keeping.
+struct Done {
+    window: Window,
+    nodes: Vec<u32>,
+    rows: Vec<CompressedRow>,
+    /// Planes of cells of nodes that a held-out stroke is split over, with their nodes.
+    uncoded: Vec<(u32, Vec<f32>)>,
+    residual: f64,
+    sweeps: u32,
+}
+
+/// Bakes the job's finer levels behind the rows that there are. `threshold` is that of a row in all cells; it doubles with every level,
+/// since a light is split over twice as many of them with half the share each.
+///
+/// Errors: as [`super::bake_response`].
+pub(super) fn bake_finer(
+    job: &Job<'_>,
+    threshold: f32,
+    baked: &mut Baked<'_>,
+    progress: &dyn Progress,
+) -> Result<(), BakeError> {
+    if job.settings.finer == 0 {
+        return Ok(());
+    }
+    check(job)?;
+    let Some((grid, node_rows)) = baked.head.sources.light_grid() else { return Ok(()) };
+    let with_rows = node_rows.iter().enumerate().filter(|(_, row)| **row != NO_ROW).map(|(node, _)| node);
+    let mut levels = Levels::new(grid, with_rows);
+    for level in 1..=job.settings.finer {
+        let (grid, nodes) = levels.next(job.cloud);
+        let spacing_m = job.settings.spacing_m / f64::from(1u32 << level);
+        let batches = batches(&levels, job.cloud, (&grid, &nodes), reach_m(job.cloud, spacing_m));
+        progress.begin(&format!("virtual lights {spacing_m:.0} m apart"), nodes.len() as u64);
+        let level_threshold = threshold * (1u32 << level) as f32;
+        let one = Level::new(job, &grid, level_threshold, baked)?;
+        let mut finer = FinerLevel {
+            first_row: baked.rows.rows.len() as u32,
+            grid: grid.clone(),
+            windows: Vec::new(),
+            nodes: Vec::new(),
+        };
+        for group in batches.chunks(BATCHES_AT_ONCE) {
+            let done: Vec<Result<Done, BakeError>> = group
+                .par_iter()
+                .map_init(Work::default, |work, batch| {
+                    progress.check()?;
+                    let done = one.solve(batch, work)?;
+                    progress.advance(batch.nodes.len() as u64);
+                    Ok(done)
+                })
+                .collect();
+            for done in done {
+                one.take(done?, &mut finer, baked);
+            }
+        }
+        levels.push(grid, finer.nodes.iter().map(|&node| node as usize));
+        if !finer.nodes.is_empty() {
+            baked.head.finer.push(finer);
+        }
+    }
+    Ok(())
+}
+
+/// Refuses what finer levels cannot be solved for.
+fn check(job: &Job<'_>) -> Result<(), BakeError> {
+    let refused = |wanted: &str, reached: String| {
+        let (wanted, hint) = (wanted.to_owned(), "levels = 0 bakes the light grid alone".to_owned());
+        Err(BakeError::NotReached { what: "clouds.lightning.levels".into(), wanted, reached, hint })
+    };
+    if job.cloud.boundary == Boundary::PeriodicXy {
+        return refused(
+            "a cloud with air around it: surplus light is solved for in windows",
+            "one that repeats".into(),
+        );
+    }
+    match (job.settings.basis, job.settings.direct) {
+        (DirectionalBasis::Harmonics { .. }, DirectTerm::AtRunTime) => Ok(()),
+        (basis, direct) => refused("harmonics without direct light", format!("{}, {direct:?}", basis.name())),
+    }
+}
+
+/// What the batches of one level have in common.
+struct Level<'a> {
+    job: &'a Job<'a>,
+    seen: Option<Vec<bool>>,
+    threshold: f32,
+    /// Of each held-out stroke the share of each node.
+    shares: Vec<BTreeMap<u32, f32>>,
+}
+
+/// Memory of a thread.
+#[derive(Default)]
+struct Work {
+    sources: Vec<[F32x16; 4]>,
+    gathered: Vec<[F32x16; GATHERED]>,
+    buffers: SolveBuffers<F32x16, 4>,
+    scratch: Vec<f32>,
+}
+
+impl<'a> Level<'a> {
+    fn new(job: &'a Job<'a>, grid: &LightGrid, threshold: f32, baked: &Baked<'_>) -> Result<Self, BakeError> {
+        let shares = |stroke: &HeldOutStroke| {
+            let mut shares = BTreeMap::new();
+            for light in stroke.lights.iter().filter(|_| !stroke.uncompressed.is_empty()) {
+                for (node, share) in grid.split(light.position.to_array()).into_iter().flatten() {
+                    if share > 0.0 {
+                        *shares.entry(node as u32).or_default() += (share * light.intensity) as f32;
+                    }
+                }
+            }
+            shares
+        };
+        let head = &*baked.head;
+        Ok(Self {
+            job,
+            seen: head.seen.as_ref().map(|_| (0..head.shape.len()).map(|cell| head.sees(cell)).collect()),
+            threshold,
+            shares: baked.held_out.iter().map(shares).collect(),
+        })
+    }
+
+    /// The window's cells of a grid's values.
+    fn cut<T: Copy>(&self, window: &Window, values: &[T]) -> Vec<T> {
+        let shape = self.job.cloud.shape;
+        let [low_x, low_y, low_z] = window.low.map(|cell| cell as usize);
+        let [nx, ny, nz] = window.shape.to_array();
+        let row = |(z, y): (usize, usize)| {
+            let start = shape.index(low_x, low_y + y, low_z + z);
+            &values[start..start + nx]
+        };
+        (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))).flat_map(row).copied().collect()
+    }
+
+    fn cloud_in(&self, window: &Window) -> Cloud {
+        let cloud = self.job.cloud;
+        let corner = [0, 1, 2].map(|axis: usize| f64::from(window.low[axis]) * cloud.cell_m[axis]);
+        Cloud {
+            shape: window.shape,
+            origin_m: cloud.origin_m + DVec3::from_array(corner),
+            extinction: self.cut(window, &cloud.extinction),
+            ..cloud.clone()
+        }
+    }
+
+    fn solve(&self, batch: &Batch, work: &mut Work) -> Result<Done, BakeError> {
+        let (settings, window) = (self.job.settings, &batch.window);
+        let cloud = self.cloud_in(window);
+        let fine = cloud.refined([settings.refine; 3])?;
+        let parent = CoarseIndex::new(fine.shape, [settings.refine; 3]);
+        let seen = self.seen.as_ref().map(|seen| self.cut(window, seen));
+        let mut solver = Solver::<4>::new(&fine, settings.solve)?;
+        if let Some(seen) = &seen {
+            let fine_seen: Vec<bool> = (0..fine.shape.len()).map(|cell| seen[parent.of(cell)]).collect();
+            solver = solver.read_in(&fine, &fine_seen);
+        }
+        self.trace(&fine, solver.scaled().extinction_scale, batch, work);
+        let report = solver.solve(&work.sources, &mut work.gathered, &mut work.buffers, None);
+        if let Some(at) = report.lanes.iter().position(|lane| !lane.converged) {
+            return Err(BakeError::NotReached {
+                what: format!("transport of surplus light at {:?}", batch.lamps.get(at)),
+                wanted: format!("residual {:e}", settings.solve.tolerance),
+                reached: format!("{:e} after {} sweeps", report.lanes[at].residual, report.sweeps),
+                hint: "a larger tolerance or more sweeps help".into(),
+            });
+        }
+        let hidden = seen.and_then(|seen| HiddenCells::of(window.shape, seen));
+        let haar = Haar::new(window.shape);
+        let mut done = Done {
+            window: Window { rows: 0, ..*window },
+            nodes: Vec::new(),
+            rows: Vec::new(),
+            uncoded: Vec::new(),
+            residual: report.lanes.iter().map(|lane| lane.residual).fold(0.0, f64::max),
+            sweeps: report.sweeps,
+        };
+        for (lane, &node) in batch.nodes.iter().enumerate() {
+            let mut planes = self.planes(lane, &fine, &parent, work);
+            let grids = |planes: &mut Vec<f32>, each: &mut dyn FnMut(&mut [f32])| {
+                planes.chunks_exact_mut(window.shape.len()).for_each(each);
+            };
+            if let Some(hidden) = &hidden {
+                grids(&mut planes, &mut |plane| hidden.fill(plane));
+            }
+            let node = node as u32;
+            if self.shares.iter().any(|shares| shares.contains_key(&node)) {
+                done.uncoded.push((node, planes.clone()));
+            }
+            grids(&mut planes, &mut |plane| haar.forward(plane, &mut work.scratch));
+            let row = compress_row_at(&planes, settings.basis.count(), settings.codec, self.threshold);
+            if row.kept > 0 {
+                done.nodes.push(node);
+                done.rows.push(row);
+            }
+        }
+        done.window.rows = done.nodes.len() as u32;
+        Ok(done)
+    }
+
+    /// Follows every light of the batch once, and gives each lane its share.
+    fn trace(&self, fine: &Cloud, extinction_scale: f64, batch: &Batch, work: &mut Work) {
+        let mut lanes: BTreeMap<[u64; 3], Vec<(usize, f32)>> = BTreeMap::new();
+        for (lane, lamps) in batch.lamps.iter().enumerate() {
+            for (place, intensity) in lamps {
+                let bits = place.to_array().map(f64::to_bits);
+                lanes.entry(bits).or_default().push((lane, *intensity as f32));
+            }
+        }
+        let tracer = Tracer::new(fine, extinction_scale);
+        let mut field = DirectField::<4>::new(fine, &[]);
+        let volume = 1.0 / fine.cell_volume() as f32;
+        work.sources.clear();
+        work.sources.resize(fine.shape.len(), [F32x16::splat(0.0); 4]);
+        for (bits, lanes) in lanes {
+            field.clear();
+            let light =
+                Light::Point { position: DVec3::from_array(bits.map(f64::from_bits)), intensity: 1.0 };
+            tracer.rays(light, self.job.settings.samples, |ray| {
+                tracer.trace(ray, &mut field);
+            });
+            let mut factors = [0.0f32; 16];
+            lanes.into_iter().for_each(|(lane, share)| factors[lane] += share * volume);
+            // Light in empty cells is scattered by nothing.
+            let cells = work.sources.iter_mut().zip(&field.moments).zip(&fine.extinction);
+            for ((sums, moments), _) in cells.filter(|(_, extinction)| **extinction > 0.0) {
+                for m in 0..4 {
+                    for (sum, factor) in sums[m].0.iter_mut().zip(&factors) {
+                        *sum += moments[m] * factor;
+                    }
+                }
+            }
+        }
+    }
+
+    /// One lane's coefficients, one plane of the window's cells each.
+    fn planes(&self, lane: usize, fine: &Cloud, parent: &CoarseIndex, work: &Work) -> Vec<f32> {
+        let (count, g) = (self.job.settings.basis.count(), fine.g);
+        let powers = [1.0, g, g * g, g * g * g];
+        let mut values = Vec::with_capacity(work.gathered.len() * count);
+        for moments in &work.gathered {
+            values.extend((0..count).map(|m| moments[m].lane(lane) * powers[degree_of(m)] as f32));
+        }
+        let means = parent.means(&values, count);
+        let cells = means.len() / count;
+        let mut planes = vec![0.0; means.len()];
+        for (cell, row) in means.chunks_exact(count).enumerate() {
+            for (plane, value) in row.iter().enumerate() {
+                planes[plane * cells + cell] = *value;
+            }
+        }
+        planes
+    }
+
+    fn take(&self, done: Done, finer: &mut FinerLevel, baked: &mut Baked<'_>) {
+        let record = &mut baked.head.solver;
+        record.worst_residual = record.worst_residual.max(done.residual);
+        record.most_sweeps = record.most_sweeps.max(done.sweeps);
+        baked.sweeps += u64::from(done.sweeps);
+        for (node, planes) in &done.uncoded {
+            for (stroke, shares) in baked.held_out.iter_mut().zip(&self.shares) {
+                if let Some(&share) = shares.get(node) {
+                    self.add(&done.window, planes, share, &mut stroke.uncompressed);
+                }
+            }
+        }
+        if done.nodes.is_empty() {
+            return;
+        }
+        finer.windows.push(done.window);
+        finer.nodes.extend(done.nodes);
+        for row in done.rows {
+            baked.kept += row.kept;
+            baked.rows.bounds.extend_from_slice(&row.bounds);
+            baked.rows.rows.push(row.bytes);
+        }
+    }
+
+    /// Adds planes of a window to planes of the grid.
+    fn add(&self, window: &Window, planes: &[f32], share: f32, sums: &mut [f32]) {
+        let shape = self.job.cloud.shape;
+        let [low_x, low_y, low_z] = window.low.map(|cell| cell as usize);
+        let [nx, ny, _] = window.shape.to_array();
+        let grids = sums.chunks_exact_mut(shape.len()).zip(planes.chunks_exact(window.shape.len()));
+        for (sums, plane) in grids {
+            for (row, values) in plane.chunks_exact(nx).enumerate() {
+                let start = shape.index(low_x, low_y + row % ny, low_z + row / ny);
+                sums[start..start + nx].iter_mut().zip(values).for_each(|(sum, value)| *sum += share * value);
+            }
+        }
+    }
+}
