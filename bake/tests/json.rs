@@ -176,6 +176,7 @@ fn inspect_answers_what_is_inside() {
         ("light_cells", List),
         ("cells", Number),
         ("lit_cells", Number),
+        ("finer_levels", List),
     ];
     has(&found["response"], &response);
     let names: Vec<&str> =

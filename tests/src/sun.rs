@@ -384,7 +384,7 @@ fn flashes_on_blocks_of_cells_come_with_the_error_of_it() {
 #[test]
 fn a_head_whose_rings_and_beams_disagree_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let asset = baked(&block(folder.path(), &format!("{SKY}sun = \"anywhere\""), ""));
+    let asset = baked(&block(folder.path(), &format!("{SKY}sun = \"anywhere\"\ncodec = \"bytes\""), ""));
     let section = asset
         .section(
             squall_formats::section::response::ResponseSection::TAG,

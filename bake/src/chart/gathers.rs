@@ -67,7 +67,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
     progress.advance(1);
     let gathers: &[u32] = if task.quick { &[0, 1] } else { &[0, 1, 2, 3] };
     let words =
-        format!("{}: {} unseen strokes, each solved directly, in 26 directions", scene.words, truths.len());
+        format!("{}: {} held-out strokes, each solved directly, in 26 directions", scene.words, truths.len());
     let shot = Shot { scene: &scene, truths, gathers, words };
     let mut points = Vec::new();
     for &step in steps {

@@ -192,6 +192,10 @@ impl CloudsFile {
         let mut settings = self.settings(source)?;
         settings.view_region = self.view_region(&keys, source)?;
         self.check_basis(&settings, &keys, source)?;
+        // Rows of two bytes a coefficient are read fastest, and milliseconds were asked for.
+        if budget.relight_ms.is_some() && self.response.codec.is_none() {
+            settings.codec = Codec::Bytes;
+        }
         // A recipe that says what is good enough, or from where it is looked at, has no use for what nobody can reach.
         self.check_finer(&lights, &settings, &budget, source)?;
         (settings.finer, settings.spacing_m) = (lights.levels, lights.spacing_m);
