@@ -86,7 +86,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 }
 
 const fn finest(samples: u32) -> Quality {
-    Quality { samples, facets: 48, spacing: 1, tolerance: 0.0 }
+    Quality { samples, facets: 48, spacing: 1, tolerance: 0.0, slow_spacing: 1 }
 }
 
 /// As finely as is affordable once.

@@ -358,7 +358,7 @@ fn the_town_on_the_card_is_the_processors_in_every_light() {
     for case in cases() {
         // Nodes at every second pixel, as a still picture has them, and at every pixel.
         for spacing in [2, 1] {
-            let quality = Quality { spacing, ..Quality::STILL };
+            let quality = Quality { spacing, slow_spacing: 1, ..Quality::STILL };
             let wanted = by_the_processor(&case, &town, quality);
             let found = card.draw(&case, quality);
             let [light, covers, far] = apart(&wanted, &found);

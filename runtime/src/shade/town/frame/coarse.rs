@@ -40,9 +40,10 @@ impl<const N: usize> Coarse<'_, N> {
     /// The slow light of every node.
     pub fn fill(&self) -> Vec<Option<Slow<N>>> {
         let at = |number: usize| (number % self.across, number / self.across);
+        let every = self.task.quality.slow_spacing.clamp(1, 2) as usize;
         let is_coarse = |number: usize| {
             let (x, y) = at(number);
-            x.is_multiple_of(2) && y.is_multiple_of(2)
+            x.is_multiple_of(every) && y.is_multiple_of(every)
         };
         let own = |number: usize| self.looks[number].as_ref().map(|look| self.slow(look));
         let mut slow: Vec<Option<Slow<N>>> =

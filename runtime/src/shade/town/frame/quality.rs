@@ -15,13 +15,16 @@ pub struct Quality {
     pub spacing: u32,
     /// How much light may differ between the nodes around a pixel, as a share of the brightest: below it they are interpolated.
     pub tolerance: f32,
+    /// Nodes from one whose shadows and images are worked out to the next, 1 or 2; between them they are interpolated within
+    /// `tolerance`. A graphics card works them out at every node.
+    pub slow_spacing: u32,
 }
 
 impl Quality {
     /// A still picture's.
-    pub const STILL: Self = Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05 };
+    pub const STILL: Self = Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05, slow_spacing: 2 };
     /// A preview's: mirrors at a quarter of the size.
-    pub const PREVIEW: Self = Self { samples: 1, facets: 10, spacing: 4, tolerance: 0.5 };
+    pub const PREVIEW: Self = Self { samples: 1, facets: 10, spacing: 4, tolerance: 0.5, slow_spacing: 2 };
 
     /// Samples along each side of a pixel, 1 to 64.
     pub(super) fn per_side(self) -> u32 {
