@@ -16,7 +16,7 @@ use squall_runtime::stroke::Stroke;
 /// Adding a coefficient of a row, a scattered addition.
 const NS_PER_COEFFICIENT: f64 = 3.2;
 /// Decoding gap and value of one before that, where they are coded by how rare they are.
-const NS_PER_DECODED: f64 = 9.0;
+const NS_PER_DECODED: f64 = 12.0;
 /// Clearing and transforming a cell of a plane.
 const NS_PER_CELL: f64 = 3.0;
 

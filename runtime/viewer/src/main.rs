@@ -288,7 +288,8 @@ impl Viewer {
             self.set("pitch_deg", (value(self, "pitch_deg") + 40.0 * higher * seconds).clamp(-89.0, 89.0));
         }
         if [ahead, right, up] != [0.0; 3] {
-            let (sin, cos) = value(self, "heading_deg").to_radians().sin_cos();
+            let [cos, sin] =
+                squall_runtime::glam::DVec2::from_angle(value(self, "heading_deg").to_radians()).to_array();
             let step = speed * seconds;
             self.set("x_m", value(self, "x_m") + step * (ahead * cos + right * sin));
             self.set("y_m", value(self, "y_m") + step * (ahead * sin - right * cos));
