@@ -16,16 +16,16 @@ mod upload;
 use super::lit_stroke::LitStroke;
 use crate::airlight::{Airlight, PointBeside};
 use crate::camera::{Camera, Ray};
+use crate::frame::FrameQuality;
 use crate::medium::{Medium, Phase};
 use crate::picture::Picture;
 use crate::point_spread::PointSpread;
 use crate::rain::RainPath;
+use crate::shade::adaptive::Spacing;
 use crate::shade::town::Town;
 use glam::DVec3;
 use squall_formats::section::town::StreetLamp;
 
-/// A light that adds less than this share of a pixel leaves no halo there.
-const LEAST: f32 = 1e-4;
 /// Radius of a lamp's glass, m.
 const LAMP_RADIUS_M: f64 = 0.15;
 /// Optical depth behind which nothing comes to the eye: e^−30 is 10^−13.
@@ -84,19 +84,27 @@ pub struct Halos<'a> {
     extinction: f64,
     field: &'a dyn RainPath,
     walls: Option<&'a Town>,
+    fineness: tiles::Fineness,
     lights: Vec<Halo>,
 }
 
 impl<'a> Halos<'a> {
     /// None yet.
     pub fn new(tables: &'a Spreading, medium: &Medium, field: &'a dyn RainPath) -> Self {
-        Self { tables, extinction: medium.extinction().0, field, walls: None, lights: Vec::new() }
+        let fineness = FrameQuality::STILL.halos.into();
+        Self { tables, extinction: medium.extinction().0, field, walls: None, fineness, lights: Vec::new() }
     }
 
     /// The same where a town's walls and hills stand between its own lamps, in its own order, and the rain that they light.
     #[must_use]
     pub fn with_walls(self, walls: Option<&'a Town>) -> Self {
         Self { walls, ..self }
+    }
+
+    /// The same looked at as finely as a frame wants it.
+    #[must_use]
+    pub fn with_spacing(self, spacing: Spacing) -> Self {
+        Self { fineness: spacing.into(), ..self }
     }
 
     fn add(&mut self, shape: Shape, intensity: [f32; 3], extinction: f64, distance: f64) {
@@ -179,7 +187,7 @@ impl<'a> Halos<'a> {
         end: f64,
         pixel: [f32; 3],
     ) -> [f32; 3] {
-        let least = f64::from(LEAST * (pixel[0] + pixel[1] + pixel[2]));
+        let least = f64::from(self.fineness.least * (pixel[0] + pixel[1] + pixel[2]));
         let end = if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
         let Spreading { once, more, .. } = self.tables;
         let mut sum = [0.0f32; 3];
@@ -207,7 +215,10 @@ impl<'a> Halos<'a> {
                                     let place = ray.origin + ray.direction * along;
                                     f64::from(town.lamp_reaches(*number, place.as_vec3()))
                                 };
-                                once.of_point_past(*extinction, &beside, whole, &reaches)
+                                {
+                                    let pieces = self.fineness.pieces;
+                                    once.of_point_past(*extinction, &beside, whole, (&reaches, pieces))
+                                }
                             }
                             None => whole,
                         };
