@@ -110,7 +110,7 @@ impl Scene {
             _ => InScattering::dark(phase),
         };
         let drops = shown_by(&frame.medium.drop_phase());
-        let field = self.rain_place.field(frame);
+        let field = self.rain_place.standing_field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
         let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
@@ -206,8 +206,7 @@ impl Scene {
             sun,
             rain: wet,
         };
-        let has_map = self.rain_place.map_of(frame).is_some();
-        out.render(town, (frame, has_map), flashes, lighting);
+        out.render(town, (frame, self.rain_place.standing_drift(frame)), flashes, lighting);
     }
 
     /// The rain's medium over the picture, channels in front of it, streaks in front of those.
@@ -256,6 +255,7 @@ impl Scene {
             has_depth: town.is_some(),
             before,
             around,
+            sky: sky.mean_radiance(),
             drops,
         };
         let medium = rain::medium(&task, in_rain, memory)?;
