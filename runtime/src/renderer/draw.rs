@@ -126,13 +126,7 @@ impl Scene {
             );
         }
         watch.lap(&mut report.times.town);
-        // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
-        let disc = |x: usize, y: usize, ray: &Ray| {
-            let disc = sky.disc_in_pixel(camera, x, y);
-            let cloud = cloud.as_ref().filter(|_| disc != [0.0; 3]);
-            let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
-            disc.map(|value| value * open)
-        };
+        let disc = |x: usize, y: usize, ray: &Ray| disc_behind((sky, cloud.as_ref()), camera, [x, y], ray);
         self.compose(
             (camera, frame.quality.sky),
             sky,
@@ -346,6 +340,19 @@ impl Scene {
         };
         picture.pixels.par_chunks_mut(width).enumerate().for_each(row);
     }
+}
+
+/// The sun's disc in a pixel, behind the cloud. It is no part of the sky's radiance: mirrors and drops have it as a light of its own.
+fn disc_behind(
+    (sky, cloud): (&Sky, Option<&CloudPicture<'_>>),
+    camera: &Camera,
+    [x, y]: [usize; 2],
+    ray: &Ray,
+) -> [f32; 3] {
+    let disc = sky.disc_in_pixel(camera, x, y);
+    let cloud = cloud.filter(|_| disc != [0.0; 3]);
+    let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
+    disc.map(|value| value * open)
 }
 
 /// The cloud as one frame marches it.
