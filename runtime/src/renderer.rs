@@ -9,6 +9,7 @@ pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
+mod panes;
 mod rain;
 mod times;
 mod town;

@@ -10,6 +10,7 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
+use super::panes::PaneLights;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
@@ -145,11 +146,13 @@ impl Scene {
         }
         watch.lap(&mut report.times.sky);
         let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
+        let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
         let in_rain = |phase: &Phase| match &mut surrounding {
             Some(surrounding) => surrounding.in_scattering(phase),
             None => InScattering::dark(phase),
         };
-        self.draw_rain(frame, (sky, around, in_rain, &drops), &flashes, memory, &mut report)?;
+        let mirrored = (sun, &wet);
+        self.draw_rain(frame, (sky, around, in_rain, &drops), mirrored, &flashes, memory, &mut report)?;
         memory.surrounding = surrounding;
         Ok(report)
     }
@@ -215,6 +218,7 @@ impl Scene {
         &self,
         frame: &Frame,
         (sky, around, in_rain, drops): (&Sky, [f32; 3], impl FnMut(&Phase) -> InScattering, &InScattering),
+        (sun, wet): (Option<Sun>, &TownRain<'_>),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
@@ -236,6 +240,8 @@ impl Scene {
                 air.map(|share| share * left(point))
             };
             town.draw_lamps(camera, &through, picture);
+            let panes = PaneLights { town, camera, sky, cloud, flashes, sun, wet, before };
+            panes.draw(left, picture);
         };
         let Some(section) = &self.rain else {
             lamps(&|_| 1.0, &mut memory.picture);
