@@ -20,7 +20,7 @@ use crate::frame::{Flash, Frame};
 use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::Rain;
+use crate::rain::{DryAir, DryTiles, Rain, RainField};
 use crate::shade::adaptive::{self, Spacing};
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
@@ -114,7 +114,8 @@ impl Scene {
         let field = self.rain_place.field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
-        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        let dry = self.dry_air(frame, &field, memory.dry.take())?;
+        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops)).under(dry.as_ref());
         let wet = self.tabulated(wet, frame, &flashes);
         watch.lap(&mut report.times.surroundings);
         if let Some(surrounding) = &surrounding {
@@ -154,7 +155,23 @@ impl Scene {
         let mirrored = (sun, &wet);
         self.draw_rain(frame, (sky, around, in_rain, &drops), mirrored, &flashes, memory, &mut report)?;
         memory.surrounding = surrounding;
+        memory.dry = dry.map(DryAir::into_tiles);
         Ok(report)
+    }
+
+    /// What of the air the frame's rain doesn't reach, for rays of mirrors; none where it doesn't rain or nothing keeps it off.
+    fn dry_air<'a>(
+        &'a self,
+        frame: &'a Frame,
+        field: &RainField<'_>,
+        kept: Option<DryTiles>,
+    ) -> Result<Option<DryAir<'a>>, RuntimeError> {
+        let covers = rain::covers_of(self.town.as_ref(), &frame.place);
+        let (Some(section), false) = (&self.rain, frame.weather.rate.0 == 0.0 || covers.is_empty()) else {
+            return Ok(None);
+        };
+        let fall = rain::fall_of(section, (frame, field))?;
+        Ok(Some(DryAir::new(covers, fall, frame.camera.position, kept)))
     }
 
     /// The town's rain, its depths from tables where it has a map.
