@@ -37,7 +37,7 @@ pub fn step(
     seconds: f64,
     now: &mut Vec<f32>,
     before: &mut Vec<f32>,
-    spare: &mut Vec<f32>,
+    spare: &mut [f32],
 ) {
     let courant = f64::from(settings.speed_m_per_s) * seconds / f64::from(settings.spacing_m);
     let keep = (1.0 - damping(settings, seconds)) as f32;

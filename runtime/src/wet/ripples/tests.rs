@@ -107,7 +107,7 @@ fn a_step_within_the_bound_stays_and_one_beyond_it_grows() {
             let step = water.longest_step_s() * share;
             water.step_s = step;
             (0..600).for_each(|_| water.step(step));
-            let grown = !(water.mean_square_m2() < 1e-2);
+            let grown = water.mean_square_m2().is_nan() || water.mean_square_m2() > 1e-2;
             assert_eq!(grown, !bounded, "{scheme:?} damping {damping} {share}: {}", water.mean_square_m2());
         }
     }
@@ -119,7 +119,7 @@ fn the_papers_forward_euler_grows_where_nothing_damps_it() {
     water.strike(&Impact { at_m: [0.1, 0.1], radius_m: 0.02, depth_m: 1e-3 });
     let before = water.mean_square_m2();
     water.advance(1.0, &[], 0).unwrap();
-    assert!(!(water.mean_square_m2() < 1e6 * before));
+    assert!(water.mean_square_m2().is_nan() || water.mean_square_m2() > 1e6 * before);
 }
 
 #[test]
