@@ -9,6 +9,7 @@ pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
+mod panes;
 mod rain;
 mod times;
 mod town;
@@ -30,7 +31,7 @@ use crate::frame::{Frame, tone_of};
 use crate::load::Asset;
 use crate::picture::Picture;
 use crate::place::Place;
-use crate::rain::Workspace;
+use crate::rain::{DryTiles, Workspace};
 use crate::relight::Relighter;
 use crate::shade::cloud::CloudShape;
 use crate::shade::detail::{Detail, DetailParameters};
@@ -119,6 +120,7 @@ struct Memory {
     surrounding: Option<world::Surrounding>,
     town: town::Kept,
     spreading: Option<halos::Spreading>,
+    dry: Option<DryTiles>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -141,6 +143,7 @@ impl Memory {
             surrounding: None,
             town: town::Kept::default(),
             spreading: None,
+            dry: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),

@@ -84,19 +84,34 @@ pub struct Halos<'a> {
     extinction: f64,
     field: &'a dyn RainPath,
     walls: Option<&'a Town>,
+    /// The field under covers, as the eye sees it.
+    covered: Option<&'a dyn RainPath>,
     lights: Vec<Halo>,
 }
 
 impl<'a> Halos<'a> {
     /// None yet.
     pub fn new(tables: &'a Spreading, medium: &Medium, field: &'a dyn RainPath) -> Self {
-        Self { tables, extinction: medium.extinction().0, field, walls: None, lights: Vec::new() }
+        Self {
+            tables,
+            extinction: medium.extinction().0,
+            field,
+            walls: None,
+            covered: None,
+            lights: Vec::new(),
+        }
     }
 
     /// The same where a town's walls and hills stand between its own lamps, in its own order, and the rain that they light.
     #[must_use]
     pub fn with_walls(self, walls: Option<&'a Town>) -> Self {
         Self { walls, ..self }
+    }
+
+    /// The same where covers keep rain off, which scatters nothing there and dims no lamp: `covered` is the field under them.
+    #[must_use]
+    pub fn under(self, covered: &'a dyn RainPath) -> Self {
+        Self { covered: covered.has_covers().then_some(covered), ..self }
     }
 
     fn add(&mut self, shape: Shape, intensity: [f32; 3], extinction: f64, distance: f64) {
@@ -119,9 +134,10 @@ impl<'a> Halos<'a> {
             let place = DVec3::from_array(lamp.position.map(f64::from));
             let distance = eye.distance(place);
             let ray = Ray { origin: eye, direction: (place - eye).normalize_or(DVec3::Z) };
-            let share = match self.field.is_everywhere() || distance == 0.0 {
+            let field = self.covered.unwrap_or(self.field);
+            let share = match field.is_everywhere() || distance == 0.0 {
                 true => 1.0,
-                false => self.field.path(&ray, 0.0, distance) / distance,
+                false => field.path(&ray, 0.0, distance) / distance,
             };
             self.add(Shape::Lamp(place, number), lamp.intensity, self.extinction * share, distance);
         }
@@ -180,6 +196,9 @@ impl<'a> Halos<'a> {
         pixel: [f32; 3],
     ) -> [f32; 3] {
         let least = f64::from(LEAST * (pixel[0] + pixel[1] + pixel[2]));
+        // Where something keeps rain off before the ray's end.
+        let dry = self.covered.filter(|covered| covered.is_dry_before(ray.direction.as_vec3(), end as f32));
+        let is_partial = self.walls.is_some() || dry.is_some();
         let end = if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
         let Spreading { once, more, .. } = self.tables;
         let mut sum = [0.0f32; 3];
@@ -197,19 +216,21 @@ impl<'a> Halos<'a> {
             };
             // Light that is scattered more than once goes the same ways to begin with, and loses the same share.
             let mut open = 1.0;
-            if bounds[0] > 0.0 || (bounds[1] > 0.0 && self.walls.is_some()) {
+            if bounds[0] > 0.0 || (bounds[1] > 0.0 && is_partial) {
                 match shape {
                     Shape::Lamp(_, number) => {
                         let whole = once.of_point(*extinction, &beside);
-                        let seen = match self.walls {
-                            Some(town) => {
-                                let reaches = |along: f64| {
-                                    let place = ray.origin + ray.direction * along;
-                                    f64::from(town.lamp_reaches(*number, place.as_vec3()))
-                                };
-                                once.of_point_past(*extinction, &beside, whole, &reaches)
+                        let reaches = |along: f64| {
+                            let place = ray.origin + ray.direction * along;
+                            if dry.is_some_and(|covered| !covered.is_reached(place)) {
+                                return 0.0;
                             }
-                            None => whole,
+                            self.walls
+                                .map_or(1.0, |town| f64::from(town.lamp_reaches(*number, place.as_vec3())))
+                        };
+                        let seen = match is_partial {
+                            true => once.of_point_past(*extinction, &beside, whole, &reaches),
+                            false => whole,
                         };
                         let [total, left] = [whole, seen].map(|light| light[0] + light[1] + light[2]);
                         open = if total > 0.0 { left / total } else { 1.0 };

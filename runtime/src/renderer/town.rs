@@ -25,15 +25,16 @@ pub(super) struct MadeFor {
     camera: Camera,
     sky: SkyParameters,
     quality: Quality,
-    /// Rain on the lights' ways, and the medium that it is. A map of it moves with the wind.
-    rain: Option<(MillimetresPerHour, MediumChoice, RainVolume, RainPlace, DVec3)>,
+    /// Rain on the lights' ways, and the medium that it is. A map of it moves with the wind, which leans what covers keep dry.
+    rain: Option<(MillimetresPerHour, MediumChoice, RainVolume, RainPlace, [DVec3; 2])>,
 }
 
 impl MadeFor {
     pub fn of(frame: &Frame, has_map: bool) -> Self {
         let weather = &frame.weather;
         let drift = if has_map { weather.drift } else { DVec3::ZERO };
-        let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), drift);
+        let moved = [drift, weather.wind];
+        let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), moved);
         Self {
             camera: frame.camera.clone(),
             sky: frame.sky.clone(),

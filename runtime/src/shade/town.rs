@@ -13,6 +13,7 @@ pub mod hills;
 mod lamps;
 pub mod light;
 pub mod line;
+pub(crate) mod panes;
 pub mod rain;
 mod shelter;
 #[cfg(feature = "gpu")]
@@ -238,6 +239,16 @@ pub(crate) mod tests {
                 heights: vec![0, 0, 500, 500, 0, 0],
             }),
         })
+    }
+
+    impl Town {
+        /// The same with other lamps, and with more blocks.
+        pub(crate) fn with(mut self, lamps: Vec<StreetLamp>, more: &[Block]) -> Self {
+            self.blocks.extend_from_slice(more);
+            self.boxes = Boxes::new(&self.blocks);
+            self.lanes = lamps::LampLanes::new(&lamps);
+            Self { lamps, reaches: OnceLock::new(), ..self }
+        }
     }
 
     #[test]

@@ -29,6 +29,11 @@ impl Hills {
         }
     }
 
+    /// Height of the highest hill, m.
+    pub(super) fn top(&self) -> f32 {
+        self.top
+    }
+
     /// Heights of a cell's four nodes: (0,0), (1,0), (0,1), (1,1).
     fn corners(&self, x: i32, y: i32) -> [f32; 4] {
         let row = self.cells[0] as usize + 1;
