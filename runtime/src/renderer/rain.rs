@@ -255,7 +255,10 @@ pub fn medium<'a>(
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
     let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
-    let mut halos = Halos::new(&spreading, &medium, &field).with_walls(task.town).under(&covered);
+    let mut halos = Halos::new(&spreading, &medium, &field)
+        .with_walls(task.town)
+        .with_spacing(task.frame.quality.halos)
+        .under(&covered);
     halos.add_lamps(task.lamps, eye);
     task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
     halos.draw(camera, &memory.metres, &mut memory.picture);
