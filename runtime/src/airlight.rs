@@ -189,8 +189,8 @@ impl Airlight {
         self.between(thickness, place(h, -foot), place(h, end - foot)).map(|value| value * share)
     }
 
-    /// The same of a line between two ends, per unit of the whole line's intensity: as many points as it is long in distances from
-    /// the ray, 16 at most.
+    /// The same of a line between two ends, per unit of the whole line's intensity: points no farther apart than half the line's least
+    /// distance from the ray, but 16 at most; each then counts as a ball as large as its piece.
     pub fn of_line(
         &self,
         extinction: f64,
@@ -200,8 +200,8 @@ impl Airlight {
         end: f64,
     ) -> [f64; 3] {
         let length = from.distance(to);
-        let middle = PointBeside::new(0.5 * (from + to), eye, direction, end, 0.0);
-        let count = (2.0 * length / middle.h.max(1e-9)).ceil().clamp(1.0, 16.0);
+        let nearest = least_distance([from, to], eye, direction);
+        let count = (2.0 * length / nearest.max(1e-9)).ceil().clamp(1.0, 16.0);
         // A point counts as a ball of the piece that it stands for.
         let radius = 0.5 * length / count;
         let mut sum = [0.0; 3];
@@ -212,6 +212,14 @@ impl Airlight {
         }
         sum
     }
+}
+
+/// The least distance between a line's pieces and the straight line through a ray, m.
+fn least_distance([from, to]: [DVec3; 2], eye: DVec3, direction: DVec3) -> f64 {
+    let across = |vector: DVec3| vector - direction * vector.dot(direction);
+    let (start, way) = (across(from - eye), across(to - from));
+    let share = (-start.dot(way) / way.length_squared().max(1e-30)).clamp(0.0, 1.0);
+    (start + way * share).length()
 }
 
 #[cfg(test)]
@@ -283,9 +291,36 @@ mod tests {
         let line = |a, b| airlight.of_line(1e-3, [a, b], eye, direction, 3000.0)[0];
         let middle = 0.5 * (a + b);
         let halves = 0.5 * (line(a, middle) + line(middle, b));
-        assert!((line(a, b) / halves - 1.0).abs() < 0.02, "{} {halves}", line(a, b));
+        /// A sum of points half their distance from the ray apart.
+        const RULE: f64 = 0.02;
+        assert!((line(a, b) / halves - 1.0).abs() < RULE, "{} {halves}", line(a, b));
         let point = airlight.of_point(1e-3, &PointBeside::new(middle, eye, direction, 3000.0, 0.0))[0];
-        assert!((line(middle, middle + DVec3::Z * 0.01) / point - 1.0).abs() < 1e-3);
+        /// A centimetre at a hundred metres.
+        const SHORT: f64 = 1e-3;
+        assert!((line(middle, middle + DVec3::Z * 0.01) / point - 1.0).abs() < SHORT);
+    }
+
+    #[test]
+    fn a_line_one_of_whose_ends_comes_near_the_ray_is_its_quadrature() {
+        /// Points at half the least distance; where 16 are too few for that, balls as large as their pieces.
+        const RULE: f64 = 0.03;
+        let airlight = Airlight::new(&Phase::HenyeyGreenstein(0.77));
+        let (eye, direction) = (DVec3::ZERO, DVec3::Y);
+        // The near end 20 m beside the ray, the middle farther away than the line is long.
+        for (near, far) in [
+            (DVec3::new(20.0, 800.0, 0.0), DVec3::new(150.0, 800.0, 0.0)),
+            (DVec3::new(20.0, 800.0, 5.0), DVec3::new(60.0, 700.0, 120.0)),
+            (DVec3::new(-80.0, 500.0, 20.0), DVec3::new(80.0, 900.0, 20.0)),
+        ] {
+            let count = 4000;
+            let piece = 0.5 * near.distance(far) / f64::from(count);
+            let place = |i: i32| near.lerp(far, (f64::from(i) + 0.5) / f64::from(count));
+            let point = |i: i32| PointBeside::new(place(i), eye, direction, 3000.0, piece);
+            let whole =
+                (0..count).map(|i| airlight.of_point(1e-3, &point(i))[0]).sum::<f64>() / f64::from(count);
+            let found = airlight.of_line(1e-3, [near, far], eye, direction, 3000.0)[0];
+            assert!((found / whole - 1.0).abs() < RULE, "{near} {far}: {found} {whole}");
+        }
     }
 
     #[test]

@@ -122,7 +122,7 @@ impl FrameQuality {
         sky: Spacing { pixels: 8, tolerance: 0.02 },
         halos: Spacing { pixels: 8, tolerance: 0.02 },
     };
-    /// A preview's: one sample a pixel, mirrors at a quarter of the size, an eighth of the rays. docs/frame-time.md has what it costs and saves.
+    /// A preview's: one sample a pixel, mirrors at a quarter of the size, a quarter of the rays. docs/frame-time.md has what it costs and saves.
     pub const PREVIEW: Self = Self {
         town: Quality::PREVIEW,
         rays: DirectRays::PREVIEW,

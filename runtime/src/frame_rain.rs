@@ -217,6 +217,9 @@ impl FrameRain {
         if settings.extent.0.partial_cmp(&0.0).is_none_or(|order| order.is_le()) {
             return Err(RuntimeError::argument("rain extent", "metres above 0", settings.extent.0));
         }
+        if !(settings.gain >= 0.0 && settings.gain.is_finite()) {
+            return Err(RuntimeError::argument("gain", "a finite number from 0", settings.gain));
+        }
         self.gain = settings.gain;
         let [min_px, max_px] = settings.lengths_px.unwrap_or_else(|| usual_lengths(camera.height));
         let shot = Shot { velocity: frame.velocity, min_px, max_px, ..Shot::new(camera, settings.exposure) };
@@ -325,9 +328,9 @@ impl FrameRain {
     }
 }
 
-/// Share of a streak's length, inside the picture, that nothing of the scene stands in front of; 0 for one wholly outside.
+/// Of the length of a streak that lies in the picture, the share that nothing of the scene stands in front of; 0 for a streak wholly outside.
 fn visible_share(streak: &Streak, frame: &TakenFrame<'_>, secants: &crate::camera::Secants) -> f64 {
-    let (mut seen, mut inside) = (0, 0);
+    let (mut seen, mut inside) = (0u32, 0u32);
     for look in 0..LOOKS {
         let t = (look as f64 + 0.5) / LOOKS as f64;
         let between = |a: f32, b: f32| f64::from(a) + (f64::from(b) - f64::from(a)) * t;
@@ -343,9 +346,9 @@ fn visible_share(streak: &Streak, frame: &TakenFrame<'_>, secants: &crate::camer
             .depth
             .as_ref()
             .map_or(f64::INFINITY, |buffer| buffer.planar(x as usize, y as usize, || secants.at(x, y)));
-        seen += usize::from(depth <= scene);
+        seen += u32::from(depth <= scene);
     }
-    if inside == 0 { 0.0 } else { seen as f64 / LOOKS as f64 }
+    if inside == 0 { 0.0 } else { f64::from(seen) / f64::from(inside) }
 }
 
 fn mean(values: &[f32]) -> f64 {

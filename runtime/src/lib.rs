@@ -30,6 +30,7 @@
 //! | [`Stroke`], [`Flash`] | lightning: the asset's strokes by name, or one's own; how brightly they flash |
 //! | [`Clouds`] | the cloud's light as data: in-scattered radiance towards a viewer, fluence, per cell |
 //! | [`Rain`], [`Weather`] | streaks over one's own frame and depth ([`rain`]), beside the medium of finer drops ([`medium`]) |
+//! | [`wet`] | where rain lands: ripples, drops on glass, wet materials |
 //! | [`RuntimeError`] | what was refused, in words: argument, accepted range, value |
 //!
 //! # The data
@@ -89,6 +90,7 @@ pub mod single_scatter;
 pub mod stroke;
 pub mod tone;
 pub mod verify;
+pub mod wet;
 pub mod world;
 
 pub use camera::Camera;

@@ -20,6 +20,7 @@
 //! | L      | D + vT, length before projection | m |
 
 pub mod cover;
+mod dry;
 pub mod fan;
 pub mod field;
 pub mod kernel;
@@ -51,6 +52,7 @@ use std::ops::Range;
 use streak::Lens;
 
 pub use cover::{CoverMap, Covers};
+pub(crate) use dry::{DryAir, DryTiles};
 pub use fan::RainFan;
 pub use field::{RainField, RainPath};
 pub use kernel::{Clip, Footprint, Kernel, Ribbon, Span};

@@ -9,6 +9,7 @@ pub(crate) mod halos;
 mod layers;
 pub(crate) mod light;
 pub(crate) mod lit_stroke;
+mod panes;
 mod rain;
 mod times;
 mod town;
@@ -30,7 +31,7 @@ use crate::frame::{Frame, tone_of};
 use crate::load::Asset;
 use crate::picture::Picture;
 use crate::place::Place;
-use crate::rain::Workspace;
+use crate::rain::{DryTiles, Workspace};
 use crate::relight::Relighter;
 use crate::shade::cloud::CloudShape;
 use crate::shade::detail::{Detail, DetailParameters};
@@ -120,6 +121,7 @@ struct Memory {
     town: town::Kept,
     spreading: Option<halos::Spreading>,
     lamp_halos: Option<halos::kept::Kept>,
+    dry: Option<DryTiles>,
     rain: Workspace,
     transmittance: Vec<f32>,
     metres: Vec<f32>,
@@ -143,6 +145,7 @@ impl Memory {
             town: town::Kept::default(),
             spreading: None,
             lamp_halos: None,
+            dry: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),
             metres: Vec::new(),

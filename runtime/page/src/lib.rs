@@ -1,7 +1,7 @@
 //! A storm that somebody plays with in a web page: its controls, strikes where a pointer is, pictures as bytes of a canvas.
 //!
 //! `squall page ASSET -o DIR` makes the folder that a static server serves. [`Player`] is the same from Rust, [`exports`] its
-//! functions as a wasm32 module that imports nothing, `web/` the page around it.
+//! functions as a wasm32 module that imports the four calls of a page's graphics card alone, `web/` the page around it.
 
 mod controls;
 pub mod exports;

@@ -170,7 +170,11 @@ async function set(changes) {
 
 async function strike(x, y) {
   moved = await call("strike", { x, y });
-  return draw();
+  try {
+    return await draw();
+  } finally {
+    moved = null;
+  }
 }
 
 /** Shows why something asked for by hand was refused. */

@@ -144,9 +144,13 @@ fn halo_of_point(beside: Beside, extinction: f32) -> vec3f {
 }
 
 fn halo_of_line(which: HaloLight, origin: vec3f, way: vec3f, end: f32) -> vec3f {
-    let middle = point_beside(0.5 * (which.start + which.end), origin, way, end, 0.0);
     let size = distance(which.start, which.end);
-    let count = clamp(ceil(2.0 * size / max(middle.h, 1e-9)), 1.0, 16.0);
+    // The least distance between the line's pieces and the ray.
+    let start = which.start - origin - way * dot(which.start - origin, way);
+    let along = which.end - which.start - way * dot(which.end - which.start, way);
+    let share = clamp(-dot(start, along) / max(dot(along, along), 1e-30), 0.0, 1.0);
+    let nearest = length(start + along * share);
+    let count = clamp(ceil(2.0 * size / max(nearest, 1e-9)), 1.0, 16.0);
     var sum = vec3f(0.0);
     for (var i = 0; i < i32(count); i++) {
         let place = mix(which.start, which.end, (f32(i) + 0.5) / count);

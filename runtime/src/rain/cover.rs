@@ -175,6 +175,10 @@ impl Shelter for CoverMap {
         let way = if velocity.z < 0.0 { velocity.truncate() / velocity.z } else { DVec2::ZERO };
         self.is_open(offset.truncate() / self.cell, offset.z, way / self.cell)
     }
+
+    fn top(&self) -> f64 {
+        self.origin.z + self.highest
+    }
 }
 
 /// Several shelters at once: a drop reaches a point that none of them keeps it off.
@@ -197,6 +201,11 @@ impl Shelter for Covers<'_> {
     fn reaches(&self, point: DVec3, velocity: DVec3) -> bool {
         self.maps.iter().all(|map| map.reaches(point, velocity))
             && self.first.is_none_or(|first| first.reaches(point, velocity))
+    }
+
+    fn top(&self) -> f64 {
+        let first = self.first.map_or(f64::NEG_INFINITY, Shelter::top);
+        self.maps.iter().map(|map| map.top()).fold(first, f64::max)
     }
 
     fn lid(&self, place: DVec3, velocity: DVec3, range: [f64; 2]) -> f64 {

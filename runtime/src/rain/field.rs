@@ -40,6 +40,10 @@ pub trait RainPath: Sync {
     fn without_covers(&self) -> Option<&dyn RainPath> {
         None
     }
+    /// Whether drops reach a place, m, where rain falls.
+    fn is_reached(&self, _place: DVec3) -> bool {
+        true
+    }
     /// Whether a ray from the eye in unit `direction` is dry somewhere before it ends after `metres`.
     fn is_dry_before(&self, _direction: Vec3, _metres: f32) -> bool {
         false
@@ -77,6 +81,10 @@ impl<V: RainPath + ?Sized> RainPath for &V {
 
     fn without_covers(&self) -> Option<&dyn RainPath> {
         V::without_covers(self)
+    }
+
+    fn is_reached(&self, place: DVec3) -> bool {
+        V::is_reached(self, place)
     }
 
     fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {

@@ -9,6 +9,11 @@ pub trait Shelter: Sync {
     /// Whether a drop that falls with `velocity` (m/s) reaches `point` (m) with nothing in between.
     fn reaches(&self, point: DVec3, velocity: DVec3) -> bool;
 
+    /// Height above which nothing keeps rain off, m; +∞ where that is not known.
+    fn top(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// Height z, m, below which a drop that falls through `place` with `velocity` (downwards) is kept off everywhere on its way, between
     /// `low` and `high`: −∞ where it reaches `low`, +∞ where it does not reach `high`. As it stands, found by halves, within a
     /// ten-thousandth of what lies between.

@@ -294,6 +294,10 @@ impl<V: RainPath> RainPath for CoveredRain<'_, V> {
         self.relief.is_some().then_some(&self.rain)
     }
 
+    fn is_reached(&self, place: DVec3) -> bool {
+        self.relief.as_ref().is_none_or(|relief| relief.covers.reaches(place, relief.fall))
+    }
+
     fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {
         let look = |relief: &Relief| relief.is_dry_before(direction.as_dvec3(), f64::from(metres));
         self.relief.as_ref().is_some_and(look)

@@ -24,9 +24,9 @@ const BLUR_PX: f32 = 0.62;
 /// Pixels around a point that its blur reaches.
 const REACH_PX: f32 = 4.0;
 /// Points of a channel are drawn this far apart, px.
-const SPACING_PX: f64 = 0.7;
+pub(super) const SPACING_PX: f64 = 0.7;
 /// Most points that a segment is drawn with.
-const MOST_POINTS: f64 = 4096.0;
+pub(super) const MOST_POINTS: f64 = 4096.0;
 /// Light that less than this share of arrives is left out.
 const FAINT: f32 = 1e-4;
 /// Points of each stroke that light surfaces with shadows, and that stand in the water.
@@ -35,7 +35,7 @@ const SHADOW_POINTS: f32 = 3.0;
 const IMAGE_LINES: f64 = 160.0;
 
 /// Share of a point's light that reaches the eye through the cloud.
-fn through(cloud: Option<&Cloud>, from: DVec3, to: DVec3) -> f32 {
+pub(super) fn through(cloud: Option<&Cloud>, from: DVec3, to: DVec3) -> f32 {
     cloud.map_or(1.0, |cloud| exp_neg(Tracer::new(cloud, 1.0).optical_depth(from, to)))
 }
 
@@ -185,7 +185,7 @@ impl Channels<'_> {
 }
 
 /// Adds a point's light, blurred; all of it arrives on an endless picture.
-fn spot(picture: &mut Picture, place: Vec2, light: [f32; 3]) {
+pub(super) fn spot(picture: &mut Picture, place: Vec2, light: [f32; 3]) {
     let range = |middle: f32, count: usize| {
         let [low, high] = [middle - REACH_PX, middle + REACH_PX].map(|v| v.clamp(0.0, count as f32) as usize);
         low..high

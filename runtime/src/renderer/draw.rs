@@ -10,6 +10,7 @@
 //! 5. The rain's streaks ([`super::rain`]).
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
+use super::panes::PaneLights;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
@@ -19,7 +20,7 @@ use crate::frame::{Flash, Frame};
 use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::Rain;
+use crate::rain::{DryAir, DryTiles, Rain, RainField};
 use crate::shade::adaptive::{self, Spacing};
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
@@ -113,7 +114,8 @@ impl Scene {
         let field = self.rain_place.standing_field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
-        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        let dry = self.dry_air(frame, &field, memory.dry.take())?;
+        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops)).under(dry.as_ref());
         let wet = self.tabulated(wet, frame, &flashes);
         watch.lap(&mut report.times.surroundings);
         if let Some(surrounding) = &surrounding {
@@ -139,13 +141,31 @@ impl Scene {
         }
         watch.lap(&mut report.times.sky);
         let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
+        let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
         let in_rain = |phase: &Phase| match &mut surrounding {
             Some(surrounding) => surrounding.in_scattering(phase),
             None => InScattering::dark(phase),
         };
-        self.draw_rain(frame, (sky, around, in_rain, &drops), &flashes, memory, &mut report)?;
+        let mirrored = (sun, &wet);
+        self.draw_rain(frame, (sky, around, in_rain, &drops), mirrored, &flashes, memory, &mut report)?;
         memory.surrounding = surrounding;
+        memory.dry = dry.map(DryAir::into_tiles);
         Ok(report)
+    }
+
+    /// What of the air the frame's rain doesn't reach, for rays of mirrors; none where it doesn't rain or nothing keeps it off.
+    fn dry_air<'a>(
+        &'a self,
+        frame: &'a Frame,
+        field: &RainField<'_>,
+        kept: Option<DryTiles>,
+    ) -> Result<Option<DryAir<'a>>, RuntimeError> {
+        let covers = rain::covers_of(self.town.as_ref(), &frame.place);
+        let (Some(section), false) = (&self.rain, frame.weather.rate.0 == 0.0 || covers.is_empty()) else {
+            return Ok(None);
+        };
+        let fall = rain::fall_of(section, (frame, field))?;
+        Ok(Some(DryAir::new(covers, fall, frame.camera.position, kept)))
     }
 
     /// The town's rain, its depths from tables where it has a map.
@@ -208,6 +228,7 @@ impl Scene {
         &self,
         frame: &Frame,
         (sky, around, in_rain, drops): (&Sky, [f32; 3], impl FnMut(&Phase) -> InScattering, &InScattering),
+        (sun, wet): (Option<Sun>, &TownRain<'_>),
         flashes: &[LitStroke],
         memory: &mut Memory,
         report: &mut FrameReport,
@@ -229,6 +250,8 @@ impl Scene {
                 air.map(|share| share * left(point))
             };
             town.draw_lamps(camera, &through, picture);
+            let panes = PaneLights { town, camera, sky, cloud, flashes, sun, wet, before };
+            panes.draw(left, picture);
         };
         let Some(section) = &self.rain else {
             lamps(&|_| 1.0, &mut memory.picture);

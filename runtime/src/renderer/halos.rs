@@ -85,6 +85,8 @@ pub struct Halos<'a> {
     extinction: f64,
     field: &'a dyn RainPath,
     walls: Option<&'a Town>,
+    /// The field under covers, as the eye sees it.
+    covered: Option<&'a dyn RainPath>,
     fineness: tiles::Fineness,
     /// Light that stands behind the halos at least.
     behind: [f32; 3],
@@ -99,6 +101,7 @@ impl<'a> Halos<'a> {
             extinction: medium.extinction().0,
             field,
             walls: None,
+            covered: None,
             fineness: FrameQuality::STILL.halos.into(),
             behind: [0.0; 3],
             lights: Vec::new(),
@@ -109,6 +112,12 @@ impl<'a> Halos<'a> {
     #[must_use]
     pub fn with_walls(self, walls: Option<&'a Town>) -> Self {
         Self { walls, ..self }
+    }
+
+    /// The same where covers keep rain off, which scatters nothing there and dims no lamp: `covered` is the field under them.
+    #[must_use]
+    pub fn under(self, covered: &'a dyn RainPath) -> Self {
+        Self { covered: covered.has_covers().then_some(covered), ..self }
     }
 
     /// The same looked at as finely as a frame wants it.
@@ -143,9 +152,10 @@ impl<'a> Halos<'a> {
             let place = DVec3::from_array(lamp.position.map(f64::from));
             let distance = eye.distance(place);
             let ray = Ray { origin: eye, direction: (place - eye).normalize_or(DVec3::Z) };
-            let share = match self.field.is_everywhere() || distance == 0.0 {
+            let field = self.covered.unwrap_or(self.field);
+            let share = match field.is_everywhere() || distance == 0.0 {
                 true => 1.0,
-                false => self.field.path(&ray, 0.0, distance) / distance,
+                false => field.path(&ray, 0.0, distance) / distance,
             };
             self.add(Shape::Lamp(place, number), lamp.intensity, self.extinction * share, distance);
         }
@@ -204,6 +214,9 @@ impl<'a> Halos<'a> {
         pixel: [f32; 3],
     ) -> [f32; 3] {
         let least = f64::from(self.fineness.least * (pixel[0] + pixel[1] + pixel[2]));
+        // Where something keeps rain off before the ray's end.
+        let dry = self.covered.filter(|covered| covered.is_dry_before(ray.direction.as_vec3(), end as f32));
+        let is_partial = self.walls.is_some() || dry.is_some();
         let end = if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
         let Spreading { once, more, .. } = self.tables;
         let mut sum = [0.0f32; 3];
@@ -221,22 +234,24 @@ impl<'a> Halos<'a> {
             };
             // Light that is scattered more than once goes the same ways to begin with, and loses the same share.
             let mut open = 1.0;
-            if bounds[0] > 0.0 || (bounds[1] > 0.0 && self.walls.is_some()) {
+            if bounds[0] > 0.0 || (bounds[1] > 0.0 && is_partial) {
                 match shape {
                     Shape::Lamp(_, number) => {
                         let whole = once.of_point(*extinction, &beside);
-                        let seen = match self.walls {
-                            Some(town) => {
-                                let reaches = |along: f64| {
-                                    let place = ray.origin + ray.direction * along;
-                                    f64::from(town.lamp_reaches(*number, place.as_vec3()))
-                                };
-                                {
-                                    let pieces = self.fineness.pieces;
-                                    once.of_point_past(*extinction, &beside, whole, (&reaches, pieces))
-                                }
+                        let reaches = |along: f64| {
+                            let place = ray.origin + ray.direction * along;
+                            if dry.is_some_and(|covered| !covered.is_reached(place)) {
+                                return 0.0;
                             }
-                            None => whole,
+                            self.walls
+                                .map_or(1.0, |town| f64::from(town.lamp_reaches(*number, place.as_vec3())))
+                        };
+                        let seen = match is_partial {
+                            true => {
+                                let pieces = self.fineness.pieces;
+                                once.of_point_past(*extinction, &beside, whole, (&reaches, pieces))
+                            }
+                            false => whole,
                         };
                         let [total, left] = [whole, seen].map(|light| light[0] + light[1] + light[2]);
                         open = if total > 0.0 { left / total } else { 1.0 };

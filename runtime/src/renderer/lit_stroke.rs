@@ -1,7 +1,7 @@
 //! Strokes that flash in a frame, as its parts share them.
 
 use crate::shade::town::light::StrokeLights;
-use crate::stroke::Stroke;
+use crate::stroke::{Segment, Stroke};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -25,6 +25,11 @@ pub(crate) struct LitStroke {
 }
 
 impl LitStroke {
+    /// The stroke's pieces.
+    pub fn segments(&self) -> &[Segment] {
+        &self.stroke.segments
+    }
+
     /// Radiant intensity per colour of a piece of the stroke, W/sr.
     pub fn intensity(&self, intensity: f64) -> [f32; 3] {
         self.scale.map(|band| (f64::from(band) * intensity) as f32)

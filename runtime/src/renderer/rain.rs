@@ -11,8 +11,8 @@ use crate::frame::Frame;
 use crate::medium::{Medium, Outlook, Phase};
 use crate::picture::Picture;
 use crate::rain::{
-    CoveredRain, Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath, Scene,
-    Shelter, Shot, SmoothWindow, Workspace,
+    CoveredRain, Covers, MainLight, MapChoice, Rain, RainFan, RainField, RainLight, RainMap, RainPath,
+    RainPlace, Scene, Shelter, Shot, SmoothWindow, Workspace,
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
@@ -270,8 +270,9 @@ pub fn medium<'a>(
     let full = field.filled_radius(eye).min(field.farthest());
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
-    let fall = weather.wind - DVec3::Z * Medium::fall_speed(task.section, field.rate(weather.rate))?;
-    let covered = CoveredRain::new(RainFan::new(field, camera), covers_of(task), fall, camera);
+    let fall = fall_of(task.section, (task.frame, &field))?;
+    let covers = covers_of(task.town, &task.frame.place);
+    let covered = CoveredRain::new(RainFan::new(field, camera), covers, fall, camera);
     let outlook = Outlook { camera, volume: &covered, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
@@ -285,22 +286,42 @@ pub fn medium<'a>(
         sky: task.sky,
         drift: task.place.standing_drift(task.frame),
     };
-    let standing = task.place.standing_field(task.frame);
-    memory.lamp_halos = {
-        let tables = (&spreading, &medium, &standing);
-        lamps.draw(memory.lamp_halos.take(), tables, &mut memory.picture)
-    };
-    let mut halos = Halos::new(&spreading, &medium, &field).with_spacing(task.frame.quality.halos);
+    memory.lamp_halos = lamps.draw(memory.lamp_halos.take(), &mut memory.picture, |dark, own| {
+        // All of it where the map stands for light that is kept.
+        let standing = task.place.standing_field(task.frame);
+        let rate = standing.rate(weather.rate);
+        let medium = task.frame.medium.medium(task.section, &shot_of(task.frame), rate)?;
+        let fall = fall_of(task.section, (task.frame, &standing))?;
+        let covers = covers_of(task.town, &task.frame.place);
+        let covered = CoveredRain::new(RainFan::new(standing, camera), covers, fall, camera);
+        let mut halos = Halos::new(&spreading, &medium, &standing)
+            .with_walls(task.town)
+            .with_spacing(task.frame.quality.halos)
+            .under(&covered)
+            .before(dark);
+        halos.add_lamps(task.lamps, eye);
+        halos.draw(camera, &memory.metres, own);
+        Ok(())
+    })?;
+    let mut halos =
+        Halos::new(&spreading, &medium, &field).with_spacing(task.frame.quality.halos).under(&covered);
     task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
     halos.draw(camera, &memory.metres, &mut memory.picture);
     memory.spreading = Some(spreading);
     Ok(RainMedium { medium: Some(medium), field, covered: Some(covered), light })
 }
 
+/// How the frame's drops fall, the mean over what they cover, m/s.
+pub(super) fn fall_of(
+    section: &DensitySection,
+    (frame, field): (&Frame, &RainField<'_>),
+) -> Result<DVec3, RuntimeError> {
+    Ok(frame.weather.wind - DVec3::Z * Medium::fall_speed(section, field.rate(frame.weather.rate))?)
+}
+
 /// What keeps the frame's rain off.
-fn covers_of<'a>(task: &Task<'a>) -> Covers<'a> {
-    let place = &task.frame.place;
-    let town = task.town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
+pub(super) fn covers_of<'a>(town: Option<&'a Town>, place: &'a RainPlace) -> Covers<'a> {
+    let town = town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
     Covers { first: town, maps: &place.covers }
 }
 
@@ -311,7 +332,7 @@ pub fn streaks(task: &Task<'_>, medium: &RainMedium<'_>, memory: &mut Memory) ->
     }
     let (shot, gain) = (shot_of(task.frame), task.frame.streaks.gain);
     let weather = &task.frame.weather;
-    let covers = covers_of(task);
+    let covers = covers_of(task.town, &task.frame.place);
     let shelter = (!covers.is_empty()).then_some(&covers as &dyn Shelter);
     let found = task.rain.find_in(&shot, weather, &medium.field, shelter, &mut memory.rain)?.len();
     let (depth, light) = (Some(depth_of(&memory.metres, &memory.picture)?), &medium.light);

@@ -25,8 +25,8 @@ pub(super) struct MadeFor {
     camera: Camera,
     sky: SkyParameters,
     quality: Quality,
-    /// Rain on the lights' ways, and the medium that it is. A map of it moves with the wind.
-    rain: Option<(MillimetresPerHour, MediumChoice, RainVolume, RainPlace, DVec3)>,
+    /// Rain on the lights' ways, and the medium that it is. A map of it moves with the wind, which leans what covers keep dry.
+    rain: Option<(MillimetresPerHour, MediumChoice, RainVolume, RainPlace, [DVec3; 2])>,
 }
 
 impl MadeFor {
@@ -38,7 +38,8 @@ impl MadeFor {
     /// The same with the frame's map of rain where `drift` puts it; zero without one.
     pub fn under(frame: &Frame, drift: DVec3) -> Self {
         let weather = &frame.weather;
-        let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), drift);
+        let moved = [drift, weather.wind];
+        let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), moved);
         Self {
             camera: frame.camera.clone(),
             sky: frame.sky.clone(),

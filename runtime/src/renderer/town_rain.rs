@@ -5,7 +5,7 @@ mod table;
 use crate::camera::Ray;
 use crate::math::exp_neg;
 use crate::medium::Medium;
-use crate::rain::{RainField, RainPath};
+use crate::rain::{DryAir, RainField, RainPath};
 use crate::shade::town::rain::RainBetween;
 use crate::world::InScattering;
 use glam::{DVec3, Vec3};
@@ -20,6 +20,8 @@ pub struct TownRain<'a> {
     weakening: [f32; 3],
     /// Of rain that has a map.
     table: Option<DepthTable>,
+    /// What covers keep dry of it.
+    dry: Option<&'a DryAir<'a>>,
 }
 
 /// Irradiance on a surface whose normal has this cosine to a beam's direction, for 1 W/m² that is spread by a phase function: max(cos, 0)
@@ -34,7 +36,7 @@ impl<'a> TownRain<'a> {
     pub fn new(medium: Medium, field: RainField<'a>, light: &'a InScattering) -> Self {
         let mean = |degree| medium.phase().moments(degree).iter().sum::<f64>() as f32 / 3.0;
         let weakening = [0, 1, 2].map(mean);
-        Self { medium, field, light, weakening, table: None }
+        Self { medium, field, light, weakening, table: None, dry: None }
     }
 
     /// The same with depths from around `eye` to the sky, and to the `targets` of [`RainBetween::left_far`], tabulated: for rain that
@@ -42,6 +44,24 @@ impl<'a> TownRain<'a> {
     pub fn tabulated(self, eye: DVec3, targets: impl Iterator<Item = Vec3>) -> Self {
         let is_dry = self.medium.extinction().0 == 0.0;
         Self { table: (!is_dry).then(|| DepthTable::new(eye, targets)), ..self }
+    }
+
+    /// The same under covers.
+    pub fn under(self, dry: Option<&'a DryAir<'a>>) -> Self {
+        Self { dry, ..self }
+    }
+
+    /// Depth that covers keep off a way.
+    fn kept_off(&self, from: DVec3, direction: DVec3, metres: f64) -> f64 {
+        let (Some(dry), ray) = (self.dry, Ray { origin: from, direction }) else { return 0.0 };
+        let mut path = 0.0;
+        dry.stretches(from, direction, metres, &mut |a, b| path += self.field.path(&ray, a, b));
+        self.medium.extinction().0 * path
+    }
+
+    /// What is left of light along a way whose depth in the open is `depth`.
+    fn left_of(&self, depth: f64, (from, direction, metres): (DVec3, DVec3, f64)) -> f32 {
+        exp_neg((depth - self.kept_off(from, direction, metres)).max(0.0) as f32)
     }
 
     fn depth(&self, from: DVec3, direction: DVec3, metres: f64) -> f64 {
@@ -62,7 +82,7 @@ impl<'a> TownRain<'a> {
             true => extinction * metres,
             false => self.depth(from, direction, metres),
         };
-        exp_neg(depth as f32)
+        self.left_of(depth, (from, direction, metres))
     }
 }
 
@@ -76,7 +96,9 @@ impl RainBetween for TownRain<'_> {
     fn left_far(&self, from: Vec3, to: Vec3) -> f32 {
         let depth = |from, direction, metres| self.depth(from, direction, metres);
         let found = self.table.as_ref().and_then(|table| table.to_target(from, to, &depth));
-        found.map_or_else(|| self.left(from, to), exp_neg)
+        let way = (to - from).as_dvec3();
+        let ray = (from.as_dvec3(), way.normalize_or(DVec3::Z), way.length());
+        found.map_or_else(|| self.left(from, to), |depth| self.left_of(f64::from(depth), ray))
     }
 
     fn along(&self, from: Vec3, direction: Vec3, metres: f32) -> (f32, [f32; 3]) {
@@ -85,7 +107,7 @@ impl RainBetween for TownRain<'_> {
         let found = table.and_then(|table| table.to_sky(from, direction, &depth));
         let direction = direction.as_dvec3();
         let left = match found {
-            Some(depth) => exp_neg(depth),
+            Some(depth) => self.left_of(f64::from(depth), (from.as_dvec3(), direction, f64::INFINITY)),
             None => self.share(from.as_dvec3(), direction, f64::from(metres)),
         };
         let added = if left < 1.0 { self.light.radiance(direction) } else { [0.0; 3] };
@@ -98,7 +120,9 @@ impl RainBetween for TownRain<'_> {
         let depth = |from, direction, metres| self.depth(from, direction, metres);
         let found = self.table.as_ref().and_then(|table| table.to_sky(from, towards, &depth));
         let left = match found {
-            Some(depth) => exp_neg(depth),
+            Some(depth) => {
+                self.left_of(f64::from(depth), (from.as_dvec3(), towards.as_dvec3(), f64::INFINITY))
+            }
             None => self.share(from.as_dvec3(), towards.as_dvec3(), f64::INFINITY),
         };
         [left, (1.0 - left) * sent_on(&self.weakening, cosine)]
@@ -138,6 +162,38 @@ mod tests {
             -600.0 * (Medium::whole(HEAVY).extinction().0 - Medium::geometric(HEAVY).extinction().0),
         );
         assert!((f64::from(whole / beside) / wanted - 1.0).abs() < 1e-5, "{whole} {beside} {wanted}");
+    }
+
+    #[test]
+    fn mirrors_see_rain_under_the_covers_that_the_eye_sees_it_under() {
+        use crate::rain::Covers;
+        /// Squares of two metres over a way of some hundred, and single precision.
+        const SQUARES: f64 = 0.03;
+        let light = WorldLight::uniform([1.0; 3]);
+        let medium = Medium::geometric(HEAVY);
+        let shown = medium.in_scattering(&light);
+        let extinction = medium.extinction().0;
+        let rain = |roof: &dyn crate::rain::Shelter, from: Vec3, direction: Vec3, metres: f32| {
+            let covers = Covers { first: Some(roof), maps: &[] };
+            let dry = DryAir::new(covers, DVec3::new(0.0, 0.0, -6.0), DVec3::Z, None);
+            let rain = TownRain::new(medium.clone(), RainField::default(), &shown).under(Some(&dry));
+            let (left, added) = rain.along(from, direction, metres);
+            assert_eq!(left, rain.left(from, from + direction * metres));
+            assert!((added[1] - (1.0 - left)).abs() < 1e-5);
+            f64::from(left)
+        };
+        let from = Vec3::new(1.0, 3.0, 0.5);
+        let everywhere = |point: DVec3, _: DVec3| point.z > 1e3;
+        assert_eq!(rain(&everywhere, from, Vec3::X, 100.0), 1.0);
+        let half = |point: DVec3, _: DVec3| point.x > 51.0 || point.z > 20.0;
+        let depth = -libm::log(rain(&half, from, Vec3::X, 100.0));
+        assert!((depth / (50.0 * extinction) - 1.0).abs() < SQUARES, "{depth}");
+        let open = |_: DVec3, _: DVec3| true;
+        let depth = -libm::log(rain(&open, from, Vec3::X, 100.0));
+        assert!((depth / (100.0 * extinction) - 1.0).abs() < 1e-4, "{depth}");
+        // Out from under a roof 20 m high, by a slope of 4/5.
+        let depth = -libm::log(rain(&half, from, Vec3::new(0.6, 0.0, 0.8), 100.0));
+        assert!((depth / ((100.0 - 19.5 / 0.8) * extinction) - 1.0).abs() < SQUARES, "{depth}");
     }
 
     #[test]

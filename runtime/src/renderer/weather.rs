@@ -378,7 +378,8 @@ fn lamp_spots(scene: &Scene, (frame, sky): (&Frame, &Sky)) -> Vec<SpotSource> {
             Projection::Orthographic { .. } => camera.pixels_per_metre(),
         } as f32;
         let sigma = (LAMP_RADIUS * per_metre).max(LEAST_PX);
-        let scale = per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);
+        let aspect = camera.pixel_aspect as f32;
+        let scale = aspect * per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);
         let light = std::array::from_fn(|band| lamp.intensity[band] * air[band] * scale);
         SpotSource { position: lamp.position, stroke: NO_STROKE, light, sigma }
     };

@@ -13,6 +13,7 @@ pub mod hills;
 mod lamps;
 pub mod light;
 pub mod line;
+pub(crate) mod panes;
 pub mod rain;
 mod shelter;
 #[cfg(feature = "gpu")]
@@ -246,6 +247,17 @@ pub(crate) mod tests {
                 heights: vec![0, 0, 500, 500, 0, 0],
             }),
         })
+    }
+
+    impl Town {
+        /// The same with other lamps, and with more blocks.
+        pub(crate) fn with(mut self, lamps: Vec<StreetLamp>, more: &[Block]) -> Self {
+            self.blocks.extend_from_slice(more);
+            self.boxes = Boxes::new(&self.blocks);
+            self.lanes = lamps::LampLanes::new(&lamps);
+            let reaches = lamps.iter().map(|_| OnceLock::new()).collect();
+            Self { lamps, reaches, ..self }
+        }
     }
 
     #[test]

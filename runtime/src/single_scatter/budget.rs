@@ -11,7 +11,7 @@ use crate::relight::PointLight;
 pub enum DirectRays {
     /// So many from each point; the error falls with about the 0.7th power of their number.
     PerPoint(u32),
-    /// So many from a whole stroke, or a little more: bright points send more than faint ones.
+    /// So many from a whole stroke, bright points more than faint ones, and 16 at least from each: a stroke of n points sends up to 16 n more.
     PerStroke(u32),
 }
 

@@ -86,8 +86,12 @@ pub(super) struct EntropyTables {
     places: Option<(usize, Vec<u32>)>,
 }
 
+/// Largest share of a gap between coefficients that a writer gives: each then takes a fifth of a bit at least, whatever its rows are.
+const LARGEST_GAP_SHARE: u16 = 3584;
+/// Coefficients are at most so many for each byte of their stream, so that work is bounded by bytes: at the largest share they are 42.
+const COEFFICIENTS_PER_BYTE: u64 = 64;
 /// Places are at most so many for each byte of rows, beyond a first few: each is used by a coefficient somewhere.
-const PLACES_PER_BYTE: u64 = 16;
+const PLACES_PER_BYTE: u64 = 8;
 const FEW_PLACES: u64 = 1 << 16;
 
 /// Most places that `row_bytes` of rows may come with.
@@ -104,7 +108,8 @@ impl EntropyTables {
             None => None,
             Some(stream) => {
                 let most = most_places(row_bytes).min(cells as u64);
-                let mut places = Vec::new();
+                let (count, _) = number(stream)?;
+                let mut places = Vec::with_capacity(count.min(most) as usize);
                 each(stream, most, "places", |state| {
                     let gap = state.gap(&place_gaps)?;
                     let place = u64::from(places.last().copied().unwrap_or(0)) + gap as u64 + 1;
@@ -140,7 +145,8 @@ impl EntropyTables {
         let places = self.places.as_ref().filter(|(of, _)| *of == cells).map(|(_, places)| places.as_slice());
         let most = places.map_or(cells.saturating_sub(1), <[u32]>::len);
         let mut next = 0usize;
-        each(stream, most as u64, "coefficients", |state| {
+        let bound = (most as u64).min(COEFFICIENTS_PER_BYTE * stream.len() as u64);
+        each(stream, bound, "coefficients", |state| {
             let gap = state.gap(&self.gaps)?;
             let rank = next + gap;
             if rank >= most {
@@ -178,7 +184,7 @@ fn each(
     }
     let (count, rest) = number(stream)?;
     if count > most {
-        return Err(invalid(None, field, "as many as there are places for", count.to_string()));
+        return Err(invalid(None, field, "as many as there are places and bytes for", count.to_string()));
     }
     let mut state = State::begin(rest)?;
     for _ in 0..count {

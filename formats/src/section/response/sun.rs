@@ -84,7 +84,8 @@ fn ring_weights(elevations: &[f64], counts: &[u32], towards: [f64; 3]) -> Option
         let first: usize = counts[..ring].iter().map(|&count| count as usize).sum();
         let count = counts[ring] as usize;
         let at = (azimuth - azimuth.floor()) * count as f64;
-        let (low, part) = ((at as usize).min(count - 1), at - at.floor());
+        // A turn less nearly nothing rounds to a whole one: the first beam again.
+        let (low, part) = (at as usize % count, at - at.floor());
         weights.push((first + low, weight * (1.0 - part)));
         weights.push((first + (low + 1) % count, weight * part));
     }
@@ -161,6 +162,20 @@ impl ResponseHead {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_whole_turn_is_the_first_beam_again() {
+        let rings = SunDirections::Rings { elevations_rad: vec![0.5], counts: vec![12] };
+        let suns = rings.of_rings();
+        for turns in [0.0, 1.0, -1.0, 2.0, 29.0] {
+            let azimuth = turns * 2.0 * std::f64::consts::PI;
+            let (up, flat) = (libm::sin(0.5), libm::cos(0.5));
+            let towards = [flat * libm::cos(azimuth), flat * libm::sin(azimuth), up];
+            let weights = rings.weights(&suns, towards).unwrap();
+            let first: f64 = weights.iter().filter(|(beam, _)| *beam == 0).map(|(_, weight)| weight).sum();
+            assert!((first - 1.0).abs() < 1e-9, "{turns} turns: {weights:?}");
+        }
+    }
 
     fn rings() -> SunDirections {
         let elevations_rad = [-4.0f64, 27.0, 58.0, 90.0].map(f64::to_radians).to_vec();

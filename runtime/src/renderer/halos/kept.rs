@@ -1,17 +1,17 @@
 //! Halos of a town's own lamps, kept while camera, rain and what stands before it are the same: no flash changes them.
 
-use super::{Halos, Spreading};
 use crate::camera::Camera;
+use crate::error::RuntimeError;
 use crate::frame::Frame;
-use crate::medium::{Medium, MediumChoice};
+use crate::medium::MediumChoice;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
-use crate::rain::{RainField, RainPlace, RainVolume};
+use crate::rain::{RainPlace, RainVolume};
 use crate::shade::adaptive::Spacing;
 use crate::shade::town::Town;
 use glam::DVec3;
 use squall_formats::section::town::StreetLamp;
-use squall_formats::units::MillimetresPerHour;
+use squall_formats::units::{MillimetresPerHour, Seconds};
 
 /// Share of the sky's mean radiance that counts as the darkest that stands behind a halo: what adds no more than a ten-thousandth of
 /// that is left out. What a flash adds to the picture must not matter here.
@@ -24,7 +24,12 @@ const DARK_M: f32 = 10.0;
 #[derive(Clone, Debug, PartialEq)]
 struct MadeFor {
     camera: Camera,
+    /// What is drawn as streaks is no medium.
+    exposure: Seconds,
+    length_px: [f64; 2],
     rate: MillimetresPerHour,
+    /// Wind carries rain under covers.
+    wind: DVec3,
     medium: MediumChoice,
     volume: RainVolume,
     place: RainPlace,
@@ -63,20 +68,24 @@ impl Lamps<'_> {
         self.sky.map(|band| DARK_OF_SKY * band + lit)
     }
 
-    /// Adds the halos to a picture: those that were kept where they still stand, else new ones.
+    /// Adds the halos to a picture: those that were kept where they still stand, else those that `make` adds to a black one, before
+    /// pixels of so much light at least.
     pub fn draw(
         &self,
         kept: Option<Kept>,
-        (tables, medium, field): (&Spreading, &Medium, &RainField<'_>),
         picture: &mut Picture,
-    ) -> Option<Kept> {
-        let (frame, dark) = (self.frame, self.dark());
+        make: impl FnOnce([f32; 3], &mut Picture) -> Result<(), RuntimeError>,
+    ) -> Result<Option<Kept>, RuntimeError> {
         if self.lamps.is_empty() {
-            return None;
+            return Ok(None);
         }
+        let (frame, dark) = (self.frame, self.dark());
         let made_for = MadeFor {
             camera: frame.camera.clone(),
+            exposure: frame.exposure,
+            length_px: frame.streaks.length_px,
             rate: frame.weather.rate,
+            wind: frame.weather.wind,
             medium: frame.medium.clone(),
             volume: frame.weather.volume,
             place: frame.place.clone(),
@@ -86,23 +95,22 @@ impl Lamps<'_> {
             has_walls: self.walls.is_some(),
         };
         let stands = |kept: &Kept| kept.made_for == made_for && kept.metres == self.metres;
-        let kept = kept.filter(stands).unwrap_or_else(|| {
-            let mut halos = Halos::new(tables, medium, field)
-                .with_walls(self.walls)
-                .with_spacing(frame.quality.halos)
-                .before(dark);
-            halos.add_lamps(self.lamps, frame.camera.position);
-            let pixels = vec![[0.0; 3]; picture.pixels.len()];
-            let mut own = Picture { width: picture.width, height: picture.height, pixels };
-            halos.draw(&frame.camera, self.metres, &mut own);
-            Kept { made_for, metres: self.metres.to_vec(), picture: own }
-        });
-        let rows = picture.pixels.par_chunks_mut(picture.width.max(1));
-        rows.zip(kept.picture.pixels.par_chunks(picture.width.max(1))).for_each(|(row, halos)| {
+        let kept = match kept.filter(stands) {
+            Some(kept) => kept,
+            None => {
+                let pixels = vec![[0.0; 3]; picture.pixels.len()];
+                let mut own = Picture { width: picture.width, height: picture.height, pixels };
+                make(dark, &mut own)?;
+                Kept { made_for, metres: self.metres.to_vec(), picture: own }
+            }
+        };
+        let width = picture.width.max(1);
+        let rows = picture.pixels.par_chunks_mut(width).zip(kept.picture.pixels.par_chunks(width));
+        rows.for_each(|(row, halos)| {
             for (pixel, halo) in row.iter_mut().zip(halos) {
                 (0..3).for_each(|band| pixel[band] += halo[band]);
             }
         });
-        Some(kept)
+        Ok(Some(kept))
     }
 }

@@ -122,3 +122,38 @@ fn a_tower_before_a_lamp_darkens_the_rain_behind_it_and_none_before_it() {
     let found = radiance(true, start, DVec3::X, 200.0) / radiance(false, start, DVec3::X, 200.0);
     assert!((found - open).abs() < EDGE, "{found} {open}");
 }
+
+#[test]
+fn rain_under_a_roof_shows_no_halo_and_half_a_roof_leaves_the_rays_part_beyond_it() {
+    use crate::rain::{CoveredRain, Covers, Shelter};
+    /// An edge is found within a three-hundredth of the angle at the lamp.
+    const EDGE: f64 = 0.05;
+    let camera = camera();
+    let medium = Medium::geometric(MillimetresPerHour(60.0));
+    let tables = Spreading::of(None, medium.phase());
+    let field = RainField::from(RainVolume::default());
+    let lamp = DVec3::new(60.0, 4.0, 5.0);
+    let ray = camera.ray(35.0, 22.0);
+    let halo = |roof: &dyn Shelter| {
+        let covers = Covers { first: Some(roof), maps: &[] };
+        let covered = CoveredRain::new(field, covers, DVec3::new(0.0, 0.0, -6.0), &camera);
+        let mut halos = Halos::new(&tables, &medium, &field).under(&covered);
+        halos.add_lamps(&lamps(&[lamp.as_vec3().to_array()]), camera.position);
+        f64::from(halos.radiance(&ray, 200.0, [0.0; 3])[0])
+    };
+    let open = halo(&|_: DVec3, _: DVec3| true);
+    assert!(open > 0.0 && halo(&|point: DVec3, _: DVec3| point.z > 500.0) == 0.0);
+    // Dry up to 40 m from the eye, below 30 m: the lamp is dimmed by the 20 m beyond.
+    let found = halo(&|point: DVec3, _: DVec3| point.x > 40.0 || point.z > 30.0);
+    let extinction = medium.extinction().0;
+    let of = |extinction: f64, end: f64| {
+        let beside = PointBeside::new(lamp, ray.origin, ray.direction, end, LAMP_RADIUS_M);
+        tables.once.of_point(extinction, &beside)[0]
+    };
+    let distance = lamp.distance(ray.origin);
+    let thinned = extinction * (distance - 40.0) / distance;
+    let edge = 40.0 / ray.direction.x;
+    let wanted = 300.0 * (of(thinned, 200.0) - of(thinned, edge));
+    // Light that is scattered more often adds some per cent.
+    assert!(found > wanted && found < wanted * 1.1 + EDGE * wanted, "{found} {wanted} {open}");
+}

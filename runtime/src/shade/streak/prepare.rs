@@ -92,7 +92,7 @@ impl Prepared {
             finest,
             range,
             light,
-            thin: Thin::new(&streak.pattern, integral, column::profiles(streak)),
+            thin: Thin::new(&streak.pattern, (integral, body.width()), column::profiles(streak)),
         }
     }
 

@@ -149,9 +149,9 @@ fn truth(streak: &StreakPattern, kernel: &StreakPlacement, count: usize) -> Vec<
 
 #[test]
 fn drawing_agrees_with_supersampling_at_every_size_and_angle() {
-    /// Root mean square over the picture's area, as a share of the brightest light 1: 36 dB. Most is what three
-    /// products leave of a streak 2.5 pixels wide.
-    const ROOT_MEAN_SQUARE: f64 = 1.6e-2;
+    /// Root mean square over the picture's area, as a share of the brightest light 1: 42 dB. Most is what three
+    /// products leave of a streak 2.5 pixels wide, and tables' steps at its ends.
+    const ROOT_MEAN_SQUARE: f64 = 8e-3;
     let section = every_kind();
     let set = StreakSet::new(&section);
     for (index, streak) in section.patterns.iter().enumerate() {

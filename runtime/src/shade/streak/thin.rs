@@ -1,9 +1,9 @@
 //! Streaks too thin to show what is across them: a few products, across × along.
 //!
-//! I(u, v) ≈ m(u) · Σ P_k(u) V_k(v), k = 0 … 2, with m the mean light across, P_k the polynomials that are
-//! orthonormal under m, and V_k(v) = ∫ I(u, v) P_k(u) du. The first product holds the light of every cross
-//! section exactly, the next ones its centre and width: all that a few pixels can tell. A pattern that IS
-//! two products stays those two. The first product is chosen so that it holds all light along, and the others none.
+//! I(u, v) ≈ m(u) L(v) + Σ A_k(u) B_k(v), k = 1, 2, with m the mean light across and L the light of every cross section, which the
+//! first product holds exactly. The next two are the singular vectors of what is left as pixels a third of the body's width show it: no two
+//! products come closer to that. A pattern that IS two products stays those two. The first product is chosen so that it holds all
+//! light along, and the others none.
 //!
 //! A fourth product is no light's: it is what the drop covers, the column of its disc ([`super::column`]). A width that shows no more of a
 //! pattern than that light is somewhere across it has one table across, for light and coverage both.
@@ -26,7 +26,7 @@ use crate::rain::kernel::{BLOCK, Ribbon};
 use crate::registers;
 use lines::Fill;
 use squall_formats::section::streak::Pattern;
-use tables::{gather_light, moments, tabulate_across, tabulate_along};
+use tables::{gather_light, products, tabulate_across, tabulate_along};
 
 /// Products of light; and those of a table, the coverage's as the last.
 const LIGHTS: usize = 3;
@@ -46,6 +46,8 @@ const LENGTHS: usize = 25;
 const LENGTHS_PER_OCTAVE: f32 = 2.0;
 const FIRST_LENGTH_LOG2: f32 = -3.0;
 
+/// Width of a pixel that products are chosen for, in bodies: thin bodies are up to four pixels wide.
+const PIXEL_SHARE: f64 = 1.0 / 3.0;
 /// Longest picture whose table along is not stretched.
 const STRETCHED_PX: f64 = 2.0;
 /// Gain along the streak over a line's pixels that is as good as none, px.
@@ -147,8 +149,12 @@ fn blocks_of(half: usize) -> usize {
 
 impl Thin {
     /// Tabulates a pattern whose integral over the plane is `integral`; what the samples miss of it (light
-    /// beyond the picture's border) is made up for.
-    pub fn new(pattern: &Pattern, integral: f64, [disc_across, disc_along]: [Profile; 2]) -> Self {
+    /// beyond the picture's border) is made up for. `body_width` is the body's in pictures.
+    pub fn new(
+        pattern: &Pattern,
+        (integral, body_width): (f64, f64),
+        [disc_across, disc_along]: [Profile; 2],
+    ) -> Self {
         let (mut across, mut along) = match pattern {
             Pattern::Separable(tables) if tables.rank() <= LIGHTS => {
                 let ranks = 0..tables.rank();
@@ -156,7 +162,7 @@ impl Thin {
                     ranks.clone().map(|k| Profile::new(|u| tables.across_at(k, u))).collect();
                 (across, ranks.map(|k| Profile::new(|v| tables.along_at(k, v))).collect())
             }
-            _ => moments(pattern),
+            _ => products(pattern, PIXEL_SHARE * body_width),
         };
         gather_light(&mut across, &mut along);
         let none = Profile::new(|_| 0.0);

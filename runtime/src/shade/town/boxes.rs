@@ -220,7 +220,7 @@ impl Boxes {
     }
 
     /// Whether a point lies in a box.
-    fn holds(&self, point: Vec3) -> bool {
+    pub(super) fn holds(&self, point: Vec3) -> bool {
         let within = |node: &Node| point.cmpge(node.low).all() && point.cmple(node.high).all();
         let (mut stack, mut depth) = ([0u32; 48], usize::from(!self.nodes.is_empty()));
         while depth > 0 {

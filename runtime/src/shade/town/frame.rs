@@ -58,7 +58,7 @@ const SKY: TownPixel = TownPixel {
 };
 
 /// Radius of a lamp's glass, m.
-const LAMP_RADIUS: f32 = 0.15;
+pub(crate) const LAMP_RADIUS: f32 = 0.15;
 
 /// Light of each stroke that is told apart.
 type StrokeParts<const N: usize> = [[f32; 3]; N];
@@ -112,35 +112,40 @@ impl Town {
                 Projection::Perspective { .. } => camera.position,
                 Projection::Orthographic { .. } => DVec3::from(position) - camera.forward * place.depth,
             };
-            let distance = (position.as_dvec3() - eye).length();
             if place.depth <= 0.0 || self.is_blocked(eye.as_vec3(), position) {
                 continue;
             }
             let left = left(position.as_dvec3());
             let intensity: [f32; 3] = std::array::from_fn(|band| lamp.intensity[band] * left[band]);
-            let per_metre = match camera.projection {
-                Projection::Perspective { .. } => camera.pixels_per_metre() / distance,
-                Projection::Orthographic { .. } => camera.pixels_per_metre(),
-            } as f32;
-            // Radiance × area it covers = intensity: spread over a disc not below a pixel's own blur.
-            let sigma = (LAMP_RADIUS * per_metre).max(0.6);
-            let (cx, cy) = (place.pixel.x as f32, place.pixel.y as f32);
-            let radius = (3.0 * sigma).ceil();
-            let range = |middle: f32, count: usize| {
-                let low = (middle - radius).max(0.0) as usize;
-                let high = (middle + radius + 1.0).clamp(0.0, count as f32) as usize;
-                low..high
-            };
-            let scale = per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);
-            for y in range(cy, picture.height) {
-                for x in range(cx, picture.width) {
-                    let (dx, dy) = (x as f32 + 0.5 - cx, y as f32 + 0.5 - cy);
-                    let share = scale * libm::expf(-(dx * dx + dy * dy) / (2.0 * sigma * sigma));
-                    let pixel = &mut picture.pixels[y * picture.width + x];
-                    for band in 0..3 {
-                        pixel[band] += intensity[band] * share;
-                    }
-                }
+            lamp_spot(camera, position.as_dvec3(), intensity, picture);
+        }
+    }
+}
+
+/// Adds a lamp that is seen at `position` to a picture, as a small round spot: radiance times the area that it covers is its intensity.
+pub(crate) fn lamp_spot(camera: &Camera, position: DVec3, intensity: [f32; 3], picture: &mut Picture) {
+    let Some(place) = camera.project(position) else { return };
+    let per_metre = match camera.projection {
+        Projection::Perspective { .. } => camera.pixels_per_metre() / camera.position.distance(position),
+        Projection::Orthographic { .. } => camera.pixels_per_metre(),
+    } as f32;
+    // Over a disc not below a pixel's own blur.
+    let sigma = (LAMP_RADIUS * per_metre).max(0.6);
+    let (cx, cy) = (place.pixel.x as f32, place.pixel.y as f32);
+    let radius = (3.0 * sigma).ceil();
+    let range = |middle: f32, count: usize| {
+        let low = (middle - radius).max(0.0) as usize;
+        let high = (middle + radius + 1.0).clamp(0.0, count as f32) as usize;
+        low..high
+    };
+    let scale = camera.pixel_aspect as f32 * per_metre * per_metre / (std::f32::consts::TAU * sigma * sigma);
+    for y in range(cy, picture.height) {
+        for x in range(cx, picture.width) {
+            let (dx, dy) = (x as f32 + 0.5 - cx, y as f32 + 0.5 - cy);
+            let share = scale * libm::expf(-(dx * dx + dy * dy) / (2.0 * sigma * sigma));
+            let pixel = &mut picture.pixels[y * picture.width + x];
+            for band in 0..3 {
+                pixel[band] += intensity[band] * share;
             }
         }
     }

@@ -29,6 +29,11 @@ impl Hills {
         }
     }
 
+    /// Height of the highest hill, m.
+    pub(super) fn top(&self) -> f32 {
+        self.top
+    }
+
     /// Two corners of an upright box around all hills, m.
     pub fn bounds(&self) -> [Vec3; 2] {
         let far = self.origin + self.cell * Vec2::new(self.cells[0] as f32, self.cells[1] as f32);

@@ -261,7 +261,7 @@ impl Town {
     }
 
     /// Whether nothing of the town stands before the sky in unit direction `towards`.
-    fn sees(&self, start: Vec3, towards: Vec3) -> bool {
+    pub(super) fn sees(&self, start: Vec3, towards: Vec3) -> bool {
         !self.is_blocked(start, start + towards * FARTHEST_SHADE_M)
     }
 

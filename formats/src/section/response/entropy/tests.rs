@@ -92,7 +92,7 @@ fn every_row_comes_back_to_the_bit_and_is_shorter() {
 
 #[test]
 fn values_take_as_many_bits_as_they_are_rare() {
-    // Each place has 1, −1, 2 or −2, evenly: two bits, and no gap.
+    // Each place has 1, −1, 2 or −2, evenly: two bits, and the commonest gap.
     let mut draw = Draw(1);
     let mut writer = StreamWriter::default();
     (1..CELLS).for_each(|index| writer.small(index, [1, -1, 2, -2][draw.below(4) as usize]));
@@ -101,8 +101,9 @@ fn values_take_as_many_bits_as_they_are_rare() {
         [1.0f32.to_le_bytes(), 1.0f32.to_le_bytes(), (stream.len() as u32).to_le_bytes()].concat();
     row.extend(stream);
     let (_, coded) = transcoded(&[row], &|_| CELLS, (CELLS, 1)).unwrap();
-    // Two bits each, 12 bytes of head, 7 of count and state; shares of 4096 are right to a thousandth.
-    let ideal = (CELLS - 1) as f64 / 4.0 + 19.0;
+    // Two bits each and the least that a gap takes, 12 bytes of head, 7 of count and state; shares of 4096 are right to a thousandth.
+    let gap = -libm::log2(f64::from(LARGEST_GAP_SHARE) / f64::from(SHARES));
+    let ideal = (CELLS - 1) as f64 * (2.0 + gap) / 8.0 + 19.0;
     assert!((coded[0].len() as f64 / ideal - 1.0).abs() < 1e-3, "{} {ideal}", coded[0].len());
 }
 
@@ -162,4 +163,53 @@ fn spoilt_streams_and_tables_end_in_an_answer() {
     assert!(spoilt(&|record| record.places = Some(vec![0xff, 0xff, 0xff, 0xff, 0x7f])).contains("places"));
     let none = RowCode::new(Codec::Entropy, None, CELLS, 1000);
     assert!(none.unwrap_err().to_string().contains("codec"));
+}
+
+#[test]
+fn rows_that_are_all_alike_stay_within_the_bound_of_coefficients_per_byte() {
+    // A step of 1 in every cell: the commonest gap and value are the only ones.
+    const CELLS: usize = 4097;
+    let one = |mean: f32| {
+        let mut writer = StreamWriter::default();
+        (1..CELLS).for_each(|index| writer.small(index, 1));
+        let stream = writer.take();
+        let mut row = Vec::new();
+        for _ in 0..PLANES {
+            row.extend(mean.to_le_bytes());
+            row.extend(1.0f32.to_le_bytes());
+            row.extend((stream.len() as u32).to_le_bytes());
+        }
+        (0..PLANES).for_each(|_| row.extend(&stream));
+        row
+    };
+    let rows: Vec<Vec<u8>> = (0..20).map(|at| one(at as f32)).collect();
+    let Some((record, coded)) = transcoded(&rows, &|_| CELLS, (CELLS, PLANES)) else {
+        panic!("rows that are all alike are shorter coded")
+    };
+    assert!(record.gaps.iter().all(|&share| share <= LARGEST_GAP_SHARE));
+    let code = code(&record, &coded);
+    for (plain, row) in rows.iter().zip(&coded) {
+        assert_eq!(held(plain, &RowCode::plain(Codec::Bytes), CELLS), held(row, &code, CELLS));
+    }
+}
+
+#[test]
+fn a_stream_that_says_more_coefficients_than_its_bytes_can_hold_is_refused() {
+    // One symbol with all shares takes no bits at all: eight bytes could say any count.
+    let all = vec![SHARES as u16];
+    let record = EntropyRecord {
+        gaps: all.clone(),
+        values: [all.clone(), all.clone(), all],
+        ..EntropyRecord::default()
+    };
+    let cells = 1 << 28;
+    let tables = EntropyTables::new(&record, cells, 1 << 20).unwrap();
+    let mut stream = vec![0xff, 0xff, 0x7f];
+    stream.extend(LEAST_STATE.to_le_bytes());
+    let mut seen = 0;
+    let read = tables.walk(&stream, cells, |_, _| {
+        seen += 1;
+        Ok(())
+    });
+    assert!(read.is_err() && seen == 0, "{seen}");
 }

@@ -1,8 +1,8 @@
 //! Rows of codec `Bytes` coded anew: counts over all of them, then each by itself.
 
 use super::{
-    ESCAPED, EntropyRecord, FAR_GAPS, GAP_SYMBOLS, LARGEST_VALUE, LEAST_STATE, PLAIN_GAPS, SHARE_BITS,
-    SHARES, VALUE_SYMBOLS, most_places, table_behind,
+    ESCAPED, EntropyRecord, FAR_GAPS, GAP_SYMBOLS, LARGEST_GAP_SHARE, LARGEST_VALUE, LEAST_STATE, PLAIN_GAPS,
+    SHARE_BITS, SHARES, VALUE_SYMBOLS, most_places, table_behind,
 };
 use crate::section::response::head::Codec;
 use crate::section::response::stream::{Coefficient, CoefficientPlane, RowCode, coefficient_planes, walk};
@@ -33,6 +33,22 @@ impl Shares {
                 left -= step;
             }
         }
+        Self::of(of)
+    }
+
+    /// The same with no share above `most`: what the commonest symbol has beyond it is the next one's.
+    fn below(counts: &Counts, most: u16) -> Self {
+        let mut of = Self::near(counts).of;
+        if let Some(at) = (0..of.len()).find(|&at| of[at] > most) {
+            of.resize(counts.len(), 0);
+            let next = (at + 1) % counts.len();
+            of[next] += of[at] - most;
+            of[at] = most;
+        }
+        Self::of(of)
+    }
+
+    fn of(mut of: Vec<u16>) -> Self {
         while of.last() == Some(&0) {
             of.pop();
         }
@@ -171,7 +187,8 @@ pub fn transcoded(
             }
         }
     }
-    let (gap_shares, value_shares) = (Shares::near(&gaps), values.map(|counts| Shares::near(&counts)));
+    let (gap_shares, value_shares) =
+        (Shares::below(&gaps, LARGEST_GAP_SHARE), values.map(|counts| Shares::near(&counts)));
     let mut symbols = Symbols::default();
     let mut out = Vec::with_capacity(rows.len());
     for (row, bytes) in rows.iter().enumerate() {

@@ -36,34 +36,101 @@ pub(super) fn gather_light(across: &mut [Profile], along: &mut [Profile]) {
     along.swap(0, most);
 }
 
-/// Profiles across and along of a pattern by moments.
-pub(super) fn moments(pattern: &Pattern) -> (Vec<Profile>, Vec<Profile>) {
+/// Profiles across and along of a pattern: the first holds the light of every cross section, the others what pixels `pixel` of the
+/// picture's width wide show beside that, as closely as so few products can.
+pub(super) fn products(pattern: &Pattern, pixel: f64) -> (Vec<Profile>, Vec<Profile>) {
     let [columns, rows] = SAMPLES;
-    let light = sample(pattern);
-    let mut weight: Vec<f64> = (0..columns)
-        .map(|i| (0..rows).map(|j| light[j * columns + i].abs()).sum::<f64>() / rows as f64)
-        .collect();
-    if weight.iter().all(|&value| value <= 0.0) {
-        weight.fill(1.0);
+    let mut rest = sample(pattern);
+    let [du, dv] = SAMPLES.map(|count| 1.0 / count as f64);
+    // Where light is across on the whole, and how much of it there is along.
+    let mut mean: Vec<f64> =
+        (0..columns).map(|i| (0..rows).map(|j| rest[j * columns + i].abs()).sum::<f64>() * dv).collect();
+    if mean.iter().all(|&value| value <= 0.0) {
+        mean.fill(1.0);
     }
-    let polynomials = orthonormal(&weight);
-    let du = 1.0 / columns as f64;
-    let mut along_values = vec![[0.0; LIGHTS]; rows];
-    for (j, out) in along_values.iter_mut().enumerate() {
-        let section = &light[j * columns..][..columns];
-        for (value, polynomial) in out.iter_mut().zip(&polynomials) {
-            *value = section.iter().zip(polynomial).map(|(a, b)| a * b).sum::<f64>() * du;
+    let total = mean.iter().sum::<f64>() * du;
+    mean.iter_mut().for_each(|value| *value /= total);
+    let light: Vec<f64> = rest.chunks(columns).map(|section| section.iter().sum::<f64>() * du).collect();
+    for (section, light) in rest.chunks_mut(columns).zip(&light) {
+        section.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= light * mean);
+    }
+    let seen = blurred(&rest, pixel * columns as f64);
+    let directions = strongest(&seen);
+    let (mut across, mut along) = (vec![mean], vec![light]);
+    for direction in directions {
+        let shown: Vec<f64> = seen
+            .chunks(columns)
+            .map(|section| section.iter().zip(&direction).map(|(a, b)| a * b).sum::<f64>())
+            .collect();
+        let square: f64 = shown.iter().map(|value| value * value).sum();
+        let factor = if square > 1e-18 { 1.0 / square } else { 0.0 };
+        let mut own = vec![0.0; columns];
+        for (section, shown) in rest.chunks(columns).zip(&shown) {
+            own.iter_mut().zip(section).for_each(|(sum, value)| *sum += value * shown * factor);
+        }
+        across.push(own);
+        along.push(shown);
+    }
+    let profiles =
+        |all: Vec<Vec<f64>>| all.iter().map(|nodes| Profile::new(|x| between(nodes, x))).collect::<Vec<_>>();
+    (profiles(across), profiles(along))
+}
+
+/// Means of each section over `width` cells around each.
+fn blurred(light: &[f64], width: f64) -> Vec<f64> {
+    let columns = SAMPLES[0];
+    let reach = (0.5 * width).ceil() as usize;
+    // How much of a cell so many cells aside lies in the box.
+    let share: Vec<f64> =
+        (0..=reach).map(|off| (0.5 * width + 0.5 - off as f64).clamp(0.0, 1.0).min(width)).collect();
+    let total = share[0] + 2.0 * share[1..].iter().sum::<f64>();
+    let mut out = vec![0.0; light.len()];
+    for (section, out) in light.chunks(columns).zip(out.chunks_mut(columns)) {
+        for (i, sum) in out.iter_mut().enumerate() {
+            for (at, value) in section.iter().enumerate().skip(i.saturating_sub(reach)).take(2 * reach + 1) {
+                *sum += share.get(at.abs_diff(i)).copied().unwrap_or(0.0) / total * value;
+            }
         }
     }
-    let across = polynomials.iter().map(|polynomial| {
-        let nodes: Vec<f64> = polynomial.iter().zip(&weight).map(|(p, m)| p * m).collect();
-        Profile::new(|u| between(&nodes, u))
-    });
-    let along = (0..LIGHTS).map(|k| {
-        let nodes: Vec<f64> = along_values.iter().map(|values| values[k]).collect();
-        Profile::new(|v| between(&nodes, v))
-    });
-    (across.collect(), along.collect())
+    out
+}
+
+/// Unit vectors across on which sections have most of their square: all but one of [`LIGHTS`].
+fn strongest(sections: &[f64]) -> Vec<Vec<f64>> {
+    /// Turns of the power iteration: what is left of a weaker direction falls with the ratio of squares each time.
+    const TURNS: usize = 60;
+    let columns = SAMPLES[0];
+    let mut gram = vec![0.0; columns * columns];
+    for section in sections.chunks(columns) {
+        for (row, a) in gram.chunks_mut(columns).zip(section) {
+            row.iter_mut().zip(section).for_each(|(sum, b)| *sum += a * b);
+        }
+    }
+    // Light beside the middle, and light away from it, to begin with.
+    let place = move |i: usize| (i as f64 + 0.5) / columns as f64 - 0.5;
+    let start =
+        |degree: usize| (0..columns).map(move |i| (0..=degree).fold(1.0, |power, _| power * place(i)));
+    let mut basis: Vec<Vec<f64>> = (0..LIGHTS - 1).map(|degree| start(degree).collect()).collect();
+    for _ in 0..TURNS {
+        for at in 0..basis.len() {
+            let (before, vector) = basis.split_at_mut(at);
+            let vector = &mut vector[0];
+            let mut next: Vec<f64> = gram
+                .chunks(columns)
+                .map(|row| row.iter().zip(&*vector).map(|(a, b)| a * b).sum::<f64>())
+                .collect();
+            // Twice, because once leaves round-off behind.
+            for other in before.iter().chain(&*before) {
+                let share: f64 = next.iter().zip(other).map(|(a, b)| a * b).sum();
+                next.iter_mut().zip(other).for_each(|(value, other)| *value -= share * other);
+            }
+            let norm = next.iter().map(|value| value * value).sum::<f64>().sqrt();
+            // Sections that are all alike leave nothing to say.
+            let factor = if norm > 1e-12 { 1.0 / norm } else { 0.0 };
+            *vector = next.into_iter().map(|value| value * factor).collect();
+        }
+    }
+    basis
 }
 
 /// The pattern at the middles of a grid of cells, u fastest.
@@ -94,34 +161,6 @@ fn sample(pattern: &Pattern) -> Vec<f64> {
         .zip(sums)
         .map(|((i, j), sum)| sum * cosines.window.value(place(i, columns), place(j, rows)))
         .collect()
-}
-
-/// Values at the cells' middles of polynomials of degree 0, 1, … that are orthonormal under `weight`.
-fn orthonormal(weight: &[f64]) -> Vec<Vec<f64>> {
-    let step = 1.0 / weight.len() as f64;
-    let dot = |a: &[f64], b: &[f64]| -> f64 {
-        a.iter().zip(b).zip(weight).map(|((a, b), m)| a * b * m).sum::<f64>() * step
-    };
-    let mut basis: Vec<Vec<f64>> = Vec::with_capacity(LIGHTS);
-    for degree in 0..LIGHTS {
-        let mut next: Vec<f64> = match basis.last() {
-            None => vec![1.0; weight.len()],
-            Some(last) => last.iter().enumerate().map(|(i, p)| p * ((i as f64 + 0.5) * step - 0.5)).collect(),
-        };
-        // Twice, because once leaves round-off behind.
-        for _ in 0..2 {
-            for other in &basis {
-                let share = dot(&next, other);
-                next.iter_mut().zip(other).for_each(|(value, other)| *value -= share * other);
-            }
-        }
-        let norm = libm::sqrt(dot(&next, &next));
-        // Light in fewer columns than degrees leaves nothing for the higher ones to say.
-        let factor = if norm > 1e-9 || degree == 0 { 1.0 / norm.max(1e-12) } else { 0.0 };
-        next.iter_mut().for_each(|value| *value *= factor);
-        basis.push(next);
-    }
-    basis
 }
 
 /// Linear between the middles of cells, constant in the outer half cells.

@@ -1,0 +1,19 @@
+//! What rain does where it lands: ripples on standing water, drops that run down glass, wet materials.
+//!
+//! Each part stands alone and takes plain numbers and slices: a program's own scene, clock and shading call it. Lengths are
+//! metres, times seconds, slopes rise over run. The system is that of \[toyshop\]; where its formulas err, the right one is the
+//! default and the printed one is called `paper`.
+//!
+//! | module | is |
+//! |---|---|
+//! | [`ripples`] | waves on a lattice, struck by drops at the rain's flux and pushed by moving bodies |
+//! | [`puddle`] | how water's slopes come to an object's normal |
+//! | [`glass`] | drops on a pane: they wait, run, merge and leave a film; wipers; no water is lost |
+//! | [`material`] | reflection at a water surface, and what wetting does to albedo and roughness |
+
+pub mod glass;
+pub mod material;
+pub mod puddle;
+pub mod ripples;
+
+mod slopes;
