@@ -9,6 +9,7 @@
 //! A halo is smooth but where its light stands: it is worked out at the corners of tiles ([`tiles`]), for as many depths as the
 //! tile's things need, and lies between them where the tile's middle agrees with that; elsewhere it is worked out pixel by pixel.
 
+pub(crate) mod kept;
 mod tiles;
 #[cfg(feature = "gpu")]
 mod upload;
@@ -87,20 +88,22 @@ pub struct Halos<'a> {
     /// The field under covers, as the eye sees it.
     covered: Option<&'a dyn RainPath>,
     fineness: tiles::Fineness,
+    /// Light that stands behind the halos at least.
+    behind: [f32; 3],
     lights: Vec<Halo>,
 }
 
 impl<'a> Halos<'a> {
     /// None yet.
     pub fn new(tables: &'a Spreading, medium: &Medium, field: &'a dyn RainPath) -> Self {
-        let fineness = FrameQuality::STILL.halos.into();
         Self {
             tables,
             extinction: medium.extinction().0,
             field,
             walls: None,
             covered: None,
-            fineness,
+            fineness: FrameQuality::STILL.halos.into(),
+            behind: [0.0; 3],
             lights: Vec::new(),
         }
     }
@@ -121,6 +124,12 @@ impl<'a> Halos<'a> {
     #[must_use]
     pub fn with_spacing(self, spacing: Spacing) -> Self {
         Self { fineness: spacing.into(), ..self }
+    }
+
+    /// The same before pixels of so much light at least, whatever their picture has: halos that are kept for other pictures.
+    #[must_use]
+    pub fn before(self, behind: [f32; 3]) -> Self {
+        Self { behind, ..self }
     }
 
     fn add(&mut self, shape: Shape, intensity: [f32; 3], extinction: f64, distance: f64) {

@@ -185,6 +185,7 @@ impl Strip<'_> {
                 (0..3).for_each(|band| darkest[band] = darkest[band].min(self.pixels[at][band]));
             }
         }
+        (0..3).for_each(|band| darkest[band] = darkest[band].max(self.halos.behind[band]));
         (near, far, darkest)
     }
 
@@ -238,7 +239,9 @@ impl Strip<'_> {
         }
         let at = y * self.width + x;
         let ray = (self.ray)(x as f64 + 0.5, y as f64 + 0.5);
-        self.halos.radiance_of(lights, &ray, f64::from(self.metres[at]), self.pixels[at])
+        let behind = self.halos.behind;
+        let pixel = std::array::from_fn(|band| self.pixels[at][band].max(behind[band]));
+        self.halos.radiance_of(lights, &ray, f64::from(self.metres[at]), pixel)
     }
 
     /// Adds the halo of every pixel of a tile.
