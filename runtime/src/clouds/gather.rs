@@ -120,8 +120,11 @@ impl Gatherer {
         read.iter_mut().zip(cloud.shaded()).for_each(|(read, shaded)| *read |= shaded);
         let once = |record: &SolverRecord| SolverRecord { refine: [1; 3], ..record.clone() };
         // Cells that rows hold light for in blocks are finer than the rows' own.
-        let own = if relighter.is_coarse() { once(record) } else { record.clone() };
-        let solver = LiveSolver::new(cloud, &own)?.read_in(&read);
+        let solver = match relighter.is_coarse() {
+            true => LiveSolver::new(cloud, &once(record))?,
+            false => super::solve::solver_of(relighter)?,
+        };
+        let solver = solver.read_in(&read);
         let fine = solver.solve_grid();
         let distances = distances(fine.shape, fine.extinction.iter().map(|&value| value > 0.0));
         let counts = rows.shape.to_array();

@@ -80,10 +80,11 @@ impl LiveSolver {
         assert_eq!(coefficients.len(), self.parent.coarse().len() * MAX_HARMONICS);
         let g = self.fine.g;
         let back = [1.0, if g.abs() < EVEN { 0.0 } else { 1.0 / g }];
-        let rows = coefficients.as_chunks::<MAX_HARMONICS>().0;
+        let between = self.fit.as_ref().map(|fit| fit.read(coefficients, MAX_HARMONICS));
+        let rows = between.as_deref().unwrap_or(coefficients).as_chunks::<MAX_HARMONICS>().0;
         light.clear();
         light.extend((0..self.fine.shape.len()).map(|cell| {
-            let from = &rows[self.parent.of(cell)];
+            let from = &rows[if between.is_some() { cell } else { self.parent.of(cell) }];
             let mut moments = [0.0; GATHERED];
             for m in 0..4 {
                 moments[m] = (f64::from(from[m]) * back[degree_of(m)]) as f32;
