@@ -44,8 +44,9 @@ pub enum DirectFrom {
     Lamps,
 }
 
-/// Lamps times pixels up to which direct light is followed for every ray of the picture; beyond, it is a mean per cell.
-const EXACT_WORK: usize = 1 << 18;
+/// Lamps times pixels up to which direct light is followed for every ray of the picture; beyond, it is a mean per cell, which
+/// [`RelitReport::exact_direct`] says.
+pub const EXACT_WORK: usize = 1 << 18;
 /// Rays that a perspective picture's direct light per cell is made of, over all lamps, and for one lamp at least and at most.
 const CELL_RAYS: usize = 1 << 22;
 const CELL_RAYS_PER_LIGHT: [usize; 2] = [1024, 1 << 16];

@@ -51,6 +51,7 @@ mod codec;
 mod energy;
 #[cfg(test)]
 mod finer;
+#[cfg(test)]
 mod fitted;
 #[cfg(test)]
 mod frame;

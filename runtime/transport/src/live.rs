@@ -256,6 +256,7 @@ impl LiveSolver {
         }
         match &self.fit {
             Some(fit) => fit.fit(moments.as_flattened(), MAX_HARMONICS),
+            None if self.parent.coarse() == self.fine.shape => moments.as_flattened().to_vec(),
             None => self.parent.means(moments.as_flattened(), MAX_HARMONICS),
         }
     }
