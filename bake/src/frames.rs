@@ -10,5 +10,5 @@ mod plan;
 mod run;
 mod stream;
 
-pub use job::{Holes, Job, RightCamera};
+pub use job::{Holes, Job, MOST_EXPOSURE_MS, MOST_GAIN, MOST_WIND_M_PER_S, RightCamera};
 pub use run::{Given, Report, run};

@@ -3,8 +3,8 @@
 use crate::error::BakeError;
 use crate::output::write_atomically;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
-    LineOrder, WritableImage,
+    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, LineOrder, Text, WritableImage,
 };
 use squall_runtime::picture::Picture;
 use squall_runtime::tone::Tone;
@@ -15,7 +15,21 @@ pub(crate) fn encoding_error(error: impl std::error::Error + Send + Sync + 'stat
     std::io::Error::other(error)
 }
 
-fn encode_png(picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+/// A line that a picture's file says of itself: a text chunk of a PNG, an attribute of an OpenEXR.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Note<'a> {
+    /// Keyword of the chunk, name of the attribute.
+    pub keyword: &'a str,
+    /// Latin-1 without line breaks.
+    pub text: &'a str,
+}
+
+fn encode_png(
+    picture: &Picture,
+    depth: png::BitDepth,
+    bytes: &[u8],
+    note: Option<Note>,
+) -> std::io::Result<Vec<u8>> {
     let mut out = Vec::new();
     let mut encoder = png::Encoder::new(&mut out, picture.width as u32, picture.height as u32);
     encoder.set_color(png::ColorType::Rgb);
@@ -23,6 +37,9 @@ fn encode_png(picture: &Picture, depth: png::BitDepth, bytes: &[u8]) -> std::io:
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     // Half the processor time of a preview went into the last tenth of the file's size.
     encoder.set_compression(png::Compression::Fast);
+    if let Some(Note { keyword, text }) = note {
+        encoder.add_text_chunk(keyword.to_owned(), text.to_owned()).map_err(encoding_error)?;
+    }
     let mut writer = encoder.write_header().map_err(encoding_error)?;
     writer.write_image_data(bytes).map_err(encoding_error)?;
     writer.finish().map_err(encoding_error)?;
@@ -43,6 +60,7 @@ pub enum ChannelValues {
 pub fn encode_layers(
     size: (usize, usize),
     channels: Vec<(String, ChannelValues)>,
+    note: Option<Note>,
 ) -> std::io::Result<Vec<u8>> {
     let channels = channels.into_iter().map(|(name, values)| {
         let samples = match values {
@@ -51,7 +69,7 @@ pub fn encode_layers(
         };
         AnyChannel::new(name.as_str(), samples)
     });
-    write_channels(size, channels.collect())
+    write_channels(size, channels.collect(), note)
 }
 
 /// Largest number of a 16-bit float.
@@ -63,14 +81,24 @@ fn write_encoded(path: &Path, encoded: std::io::Result<Vec<u8>>) -> Result<(), B
 
 /// Bytes of the file that [`write_png8`] writes. Errors: a picture without pixels.
 pub fn encode_png8(picture: &Picture, tone: &Tone) -> std::io::Result<Vec<u8>> {
-    encode_png(picture, png::BitDepth::Eight, tone.to_srgb8(picture).as_flattened())
+    encode_png8_noted(picture, tone, None)
+}
+
+/// [`encode_png8`] with a note. Errors: a picture without pixels, a note that no PNG holds.
+pub fn encode_png8_noted(picture: &Picture, tone: &Tone, note: Option<Note>) -> std::io::Result<Vec<u8>> {
+    encode_png(picture, png::BitDepth::Eight, tone.to_srgb8(picture).as_flattened(), note)
 }
 
 /// Bytes of the file that [`write_exr`] writes. Errors: a picture without pixels.
 pub fn encode_exr(picture: &Picture) -> std::io::Result<Vec<u8>> {
+    encode_exr_noted(picture, None)
+}
+
+/// [`encode_exr`] with a note. Errors: a picture without pixels, a note that no OpenEXR holds.
+pub fn encode_exr_noted(picture: &Picture, note: Option<Note>) -> std::io::Result<Vec<u8>> {
     let band = |band: usize| picture.pixels.iter().map(|pixel| pixel[band]).collect();
     let channels = vec![("R", band(0)), ("G", band(1)), ("B", band(2))];
-    encode_channels((picture.width, picture.height), channels)
+    encode_channels((picture.width, picture.height), channels, note)
 }
 
 /// An 8-bit sRGB picture, developed with `tone`.
@@ -81,7 +109,7 @@ pub fn write_png8(path: &Path, picture: &Picture, tone: &Tone) -> Result<(), Bak
 /// A 16-bit sRGB picture, developed with `tone`.
 pub fn write_png16(path: &Path, picture: &Picture, tone: &Tone) -> Result<(), BakeError> {
     let bytes: Vec<u8> = tone.to_srgb16(picture).iter().flatten().flat_map(|v| v.to_be_bytes()).collect();
-    write_encoded(path, encode_png(picture, png::BitDepth::Sixteen, &bytes))
+    write_encoded(path, encode_png(picture, png::BitDepth::Sixteen, &bytes, None))
 }
 
 /// The radiance itself, 32-bit float channels R, G, B, ZIP-compressed; no tone mapping.
@@ -92,11 +120,16 @@ pub fn write_exr(path: &Path, picture: &Picture) -> Result<(), BakeError> {
 /// One float channel named `Y` (a field, a depth, a grey image), row 0 = top, `width * height` values.
 pub fn write_grey_exr(path: &Path, width: usize, height: usize, values: &[f32]) -> Result<(), BakeError> {
     assert_eq!(values.len(), width * height, "one value a pixel");
-    write_encoded(path, encode_channels((width, height), vec![("Y", values.to_vec())]))
+    write_encoded(path, encode_channels((width, height), vec![("Y", values.to_vec())], None))
 }
 
-fn encode_channels(size: (usize, usize), channels: Vec<(&str, Vec<f32>)>) -> std::io::Result<Vec<u8>> {
-    encode_named_channels(size, channels, false)
+fn encode_channels(
+    size: (usize, usize),
+    channels: Vec<(&str, Vec<f32>)>,
+    note: Option<Note>,
+) -> std::io::Result<Vec<u8>> {
+    let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
+    write_channels(size, channels.collect(), note)
 }
 
 /// Bytes of an OpenEXR file with these channels, each `width * height` values, row 0 on top; in 16-bit floats, cut to what they hold, or
@@ -114,21 +147,33 @@ pub fn encode_named_channels(
         };
         AnyChannel::new(name, samples)
     });
-    write_channels(size, channels.collect())
+    write_channels(size, channels.collect(), None)
 }
 
-fn write_channels(size: (usize, usize), channels: Vec<AnyChannel<FlatSamples>>) -> std::io::Result<Vec<u8>> {
+fn write_channels(
+    size: (usize, usize),
+    channels: Vec<AnyChannel<FlatSamples>>,
+    note: Option<Note>,
+) -> std::io::Result<Vec<u8>> {
     let channels = AnyChannels::sort(channels.into_iter().collect());
     let encoding = Encoding {
         compression: Compression::ZIP16,
         blocks: Blocks::ScanLines,
         line_order: LineOrder::Increasing,
     };
-    let image = Image::from_layer(Layer::new(size, LayerAttributes::default(), encoding, channels));
+    let mut attributes = LayerAttributes::default();
+    if let Some(Note { keyword, text }) = note {
+        attributes.other.insert(exr_text(keyword)?, AttributeValue::Text(exr_text(text)?));
+    }
+    let image = Image::from_layer(Layer::new(size, attributes, encoding, channels));
     let mut bytes = std::io::Cursor::new(Vec::new());
     // One thread: the order of compressed blocks, and so the bytes, repeat.
     image.write().non_parallel().to_buffered(&mut bytes).map_err(encoding_error)?;
     Ok(bytes.into_inner())
+}
+
+fn exr_text(text: &str) -> std::io::Result<Text> {
+    Text::new_or_none(text).ok_or_else(|| std::io::Error::other("a text that OpenEXR cannot hold"))
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ mod solve;
 mod steps;
 mod streaks;
 mod synth;
+mod usage;
 
 /// Cargo looks for no tests by itself here (`autotests`), so a file that is not named above would never run.
 #[test]

@@ -43,8 +43,11 @@ fn what_makes_no_page_is_refused_and_leaves_nothing() {
     let [module, out, cut] = ["module.wasm", "page", "cut.squall"].map(|name| folder.path().join(name));
     std::fs::write(&module, b"<!DOCTYPE html>").unwrap();
     let named = ["--module", module.to_str().unwrap()];
-    refused(&page(&golden(), &out, &named), "module: wanted a WebAssembly module, found 15 bytes");
-    std::fs::write(&module, b"\0asm").unwrap();
+    refused(&page(&golden(), &out, &named), "module: wanted a whole WebAssembly module, found 15 bytes");
+    // A section of five bytes that ends after one.
+    std::fs::write(&module, b"\0asm\x01\0\0\0\0\x05\0").unwrap();
+    refused(&page(&golden(), &out, &named), "cut off in the section at byte 8");
+    std::fs::write(&module, b"\0asm\x01\0\0\0").unwrap();
     std::fs::write(&cut, &std::fs::read(golden()).unwrap()[..5000]).unwrap();
     refused(&page(&cut, &out, &named), "file length");
     refused(&page(&golden(), &out, &["--module", "absent.wasm"]), "absent.wasm");

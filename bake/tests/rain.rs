@@ -614,3 +614,41 @@ fn the_built_in_rain_is_what_its_recipe_bakes() {
     assert!(fitted == stored.patterns[0], "the patterns differ; bake it again");
     assert_eq!(asset.directory().entries.len(), 3, "{:?}", DensitySection::TAG);
 }
+
+#[test]
+fn a_manifest_whose_settings_give_other_bytes_fails_its_check_and_replaces_nothing() {
+    let place = Place::new();
+    place.done("c.png --depth d.npy --rate 60 --gain 3 -o a/r.png --mask a/m.png");
+    let text = String::from_utf8(place.read("a/manifest.json")).unwrap();
+    let edited = text.replace("\"gain\": 3.0", "\"gain\": 9.0");
+    assert!(edited != text);
+    place.write("a/manifest.json", edited.as_bytes());
+    let before = ["a/r.png", "a/m.png", "a/manifest.json"].map(|name| place.read(name));
+    let (code, _, said) = place.squall("rain --manifest a/manifest.json");
+    assert!(code == 1 && said.contains("differs and is not written"), "{code} {said}");
+    assert!(["a/r.png", "a/m.png", "a/manifest.json"].map(|name| place.read(name)) == before);
+    // Elsewhere, nothing of the frame appears.
+    assert_eq!(place.squall("rain --manifest a/manifest.json -o b/r.png").0, 1);
+    assert!(!place.path("b").exists());
+
+    place.sequence();
+    place.done("rgb --depth z --rate 60 --gain 3 -o out");
+    let text = String::from_utf8(place.read("out/manifest.json")).unwrap();
+    let edited = text.replace("\"gain\": 3.0", "\"gain\": 9.0");
+    place.write("out/manifest.json", edited.as_bytes());
+    let before = place.read("out/0001.png");
+    let (code, _, said) = place.squall("rain --manifest out/manifest.json");
+    assert!(code == 1 && said.contains("4 of 4 frames failed"), "{code} {said}");
+    assert!(place.read("out/0001.png") == before && place.read("out/manifest.json") == edited.as_bytes());
+}
+
+#[test]
+fn a_finished_run_beside_a_shared_list_says_that_nothing_of_it_is_kept() {
+    let place = Place::new();
+    place.sequence();
+    let words =
+        "rain rgb --depth z --rate 60 -o out --streaks out/all.jsonl --vertical-fov 30 --streak-px 4,200";
+    assert_eq!(place.squall(words).0, 0);
+    let (code, _, said) = place.squall(&format!("{words} --resume"));
+    assert!(code == 0 && said.contains("nothing is kept of a run that came to its end"), "{code} {said}");
+}

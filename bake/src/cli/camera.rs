@@ -10,12 +10,13 @@ use std::path::{Path, PathBuf};
 
 /// `--camera` and `--view`, one of the two.
 #[derive(clap::Args)]
+#[group(required = true, multiple = false)]
 pub struct CameraArgs {
     /// The camera (CAMERA.json): one camera object of a scene.
-    #[arg(long, required_unless_present = "view", value_name = "CAMERA")]
+    #[arg(long, value_name = "CAMERA")]
     camera: Option<PathBuf>,
-    /// The camera of a view: a TOML file with the table `view`, as in a recipe.
-    #[arg(long, conflicts_with = "camera")]
+    /// The camera of a view: a TOML file with the table `view`, such as a recipe.
+    #[arg(long)]
     view: Option<PathBuf>,
 }
 

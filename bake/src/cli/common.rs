@@ -22,6 +22,11 @@ pub struct Common {
 }
 
 impl Common {
+    /// Whether nothing but warnings and errors is said.
+    pub fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
     /// Sets the number of threads, and begins to report progress.
     ///
     /// Errors (exit code 4): the system refuses the threads.

@@ -1,13 +1,14 @@
 //! `squall export ASSET --density|--light STROKE|--fluence STROKE -o FILE`
 
+use super::common::Common;
 use super::folder::check_apart;
 use super::json;
 use serde_json::json;
 use squall_bake::BakeError;
-use squall_bake::output::Output;
 use squall_bake::output::ktx2::{Texel, ktx2};
 use squall_bake::output::npy::write_npy;
 use squall_bake::output::vdb::{VdbGrid, write_vdb};
+use squall_bake::output::{Output, Place};
 use squall_bake::provenance::tool;
 use squall_runtime::transport::Cloud;
 use squall_runtime::{Asset, Clouds, Flash, StormRenderer, glam::DVec3};
@@ -34,14 +35,19 @@ pub struct Args {
     #[arg(long, value_name = "STROKE", value_delimiter = ',', group = "quantity")]
     fluence: Vec<String>,
     /// Where light is looked at from, m; the camera of the asset's own view if left out.
-    #[arg(long, value_name = "X,Y,Z", value_parser = place, requires = "light")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true, requires = "light", conflicts_with_all = ["density", "fluence"])]
     viewer: Option<DVec3>,
     /// The file to write: .vdb, .npy or .ktx2.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
+    /// Form of the file where its name does not tell, as on standard output.
+    #[arg(long, value_enum)]
+    format: Option<Form>,
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 impl Args {
@@ -61,11 +67,38 @@ fn place(text: &str) -> Result<DVec3, String> {
     }
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum Form {
+    /// OpenVDB.
     Vdb,
+    /// NumPy's array.
     Npy,
+    /// KTX 2, a 3-D texture.
     Ktx2,
+}
+
+impl Form {
+    /// The form of the name's end, or what was given for standard output, devices and pipes, which have no such names.
+    ///
+    /// Errors: a name that tells none, or another one.
+    fn of(path: &Path, given: Option<Self>) -> Result<Self, BakeError> {
+        let named = match path.extension().and_then(|end| end.to_str()) {
+            Some("vdb") => Some(Self::Vdb),
+            Some("npy") => Some(Self::Npy),
+            Some("ktx2") => Some(Self::Ktx2),
+            _ => None,
+        };
+        let bad = |wanted: &str| BakeError::input(path, "file", wanted, path.display());
+        match (named, given) {
+            (Some(named), Some(given)) if named != given => Err(bad("a name that ends as --format says")),
+            (Some(form), _) => Ok(form),
+            (None, Some(form)) if !matches!(Place::of(path)?, Place::File(_)) => Ok(form),
+            (None, None) if !matches!(Place::of(path)?, Place::File(_)) => {
+                Err(bad("--format vdb, npy or ktx2 beside an output without a name"))
+            }
+            (None, _) => Err(bad("a name that ends in .vdb, .npy or .ktx2")),
+        }
+    }
 }
 
 /// A quantity per cell.
@@ -79,15 +112,12 @@ enum Cells {
 /// Works the quantity out, then writes it.
 pub fn run(args: Args) -> anyhow::Result<()> {
     json::check_stdout(args.json, &[&args.out]);
-    let form = match args.out.extension().and_then(|end| end.to_str()) {
-        Some("vdb") => Form::Vdb,
-        Some("npy") => Form::Npy,
-        Some("ktx2") => Form::Ktx2,
-        _ => {
-            let wanted = "a name that ends in .vdb, .npy or .ktx2";
-            return Err(BakeError::input(&args.out, "file", wanted, args.out.display()).into());
-        }
-    };
+    let names = if args.light.is_empty() { &args.fluence } else { &args.light };
+    if let Some((_, name)) = names.iter().enumerate().find(|(at, name)| names[..*at].contains(name)) {
+        json::usage(&format!("{name}: wanted every stroke once, found twice"));
+    }
+    let form = Form::of(&args.out, args.format)?;
+    let bars = args.common.start()?;
     let output = Output::prepare(&args.out)?;
     check_apart(&[&args.out], [&args.asset].into_iter())?;
     let asset = super::asset::open(&args.asset)?;
@@ -110,13 +140,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         }));
     }
     let text =
-        format!("{}: grid {name}, {unit}, {nx} × {ny} × {nz} cells, {} bytes\n", output.name(), bytes.len());
-    // A file on standard output has it to itself.
-    if output.is_stdout() {
-        eprint!("{text}");
-        return Ok(());
-    }
-    super::table::print(&text)
+        format!("{}: grid {name}, {unit}, {nx} × {ny} × {nz} cells, {} bytes", output.name(), bytes.len());
+    bars.say(&text);
+    Ok(())
 }
 
 fn quantity(args: &Args, asset: &Asset, clouds: &mut Clouds) -> anyhow::Result<Cells> {
@@ -173,7 +199,8 @@ fn encoded(form: Form, cloud: &Cloud, cells: &Cells) -> io::Result<Vec<u8>> {
                 .flat_map(|(light, &extinction)| {
                     let [red, green, blue] =
                         light.map(|value| half::f16::from_f32(value.min(half::f16::MAX.to_f32())));
-                    [red, green, blue, half::f16::from_f32(extinction)]
+                    // Both are cut to what 16 bits hold, 65 504: an infinite extinction would be no medium at all.
+                    [red, green, blue, half::f16::from_f32(extinction.min(half::f16::MAX.to_f32()))]
                 })
                 .collect();
             let halves: Vec<u8> = texels.iter().flat_map(|half| half.to_le_bytes()).collect();

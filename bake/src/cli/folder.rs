@@ -56,6 +56,11 @@ impl OutputFolder {
         output::check_replaceable(&self.path, self.names.iter().map(String::as_str))
     }
 
+    /// Something came of the work: folders made for it stay.
+    pub fn keep(&mut self) {
+        self.kept = true;
+    }
+
     /// Writes the results with `write`, which is given a folder, and keeps them all, or none of those that are new. Where the system
     /// refuses after the work all the same, they are written into a new folder among the temporary ones, and the error says where.
     ///

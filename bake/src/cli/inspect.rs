@@ -60,7 +60,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     damage.map_or(Ok(()), |error| Err(error.into()))
 }
 
-/// The whole answer, and the first section of those it speaks of that could not be read.
+/// The whole answer, and a section that could not be read, if there is one.
 fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (Value, Option<RuntimeError>) {
     let section = |entry: &Entry| {
         json!({
@@ -108,7 +108,9 @@ fn in_json(asset: &Asset, provenance: Option<&ProvenanceSection>) -> (Value, Opt
         "strokes": section(BoltSection::TAG, contents::strokes),
         "view": section(ViewSection::TAG, contents::view),
     });
-    (answer, damage)
+    // Sections that the answer does not speak of are read all the same: damage is told in either form.
+    let others = asset.directory().entries.iter().find_map(|entry| describe(asset, entry).err());
+    (answer, damage.or(others))
 }
 
 /// The whole report, and the first section that could not be read.

@@ -19,6 +19,7 @@ pub mod interrupt;
 pub mod json;
 mod light_quality;
 mod limits;
+mod number;
 mod page;
 mod picture;
 pub mod progress;

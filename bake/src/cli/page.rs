@@ -1,4 +1,8 @@
 //! `squall page ASSET -o DIR`
+
+mod module;
+
+use super::common::Common;
 use super::folder::{OutputFolder, check_apart};
 use super::json;
 use serde_json::json;
@@ -25,6 +29,8 @@ pub struct Args {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 impl Args {
@@ -45,17 +51,15 @@ const FILES: [(&str, &str); 5] = [
 const MODULE: &str = "squall_page.wasm";
 /// The asset's name in the folder: page.js asks for it.
 const ASSET: &str = "asset.squall";
-/// How every WebAssembly module begins.
-const WASM_MAGIC: &[u8] = b"\0asm";
 
 /// Checks the asset, then writes the folder.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    let bars = args.common.start()?;
     let asset = super::asset::open(&args.asset)?;
-    let path = module(args.module.as_deref())?;
+    let path = module_file(args.module.as_deref())?;
     let module = std::fs::read(&path).map_err(BakeError::io(&path, "read"))?;
-    if !module.starts_with(WASM_MAGIC) {
-        let found = format!("{} bytes of something else", module.len());
-        return Err(BakeError::input(&path, "module", "a WebAssembly module", found).into());
+    if let Some(found) = module::fault(&module) {
+        return Err(BakeError::input(&path, "module", "a whole WebAssembly module", found).into());
     }
     let names: Vec<&str> = FILES.iter().map(|(name, _)| *name).chain([MODULE, ASSET]).collect();
     let outputs: Vec<PathBuf> = names.iter().map(|name| args.out.join(name)).collect();
@@ -77,17 +81,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             "page_bytes": page, "asset_bytes": asset.bytes().len(),
         }));
     }
-    super::table::print(&format!(
+    bars.say(&format!(
         "{}: {page} bytes of page and module, {} bytes of asset; any static server shows it, such as\n\
-         python3 -m http.server --directory {}\n",
+         python3 -m http.server --directory {}",
         args.out.join("index.html").display(),
         asset.bytes().len(),
         args.out.display()
-    ))
+    ));
+    Ok(())
 }
 
 /// The page's module: the one named, or where builds put it.
-fn module(named: Option<&Path>) -> Result<PathBuf, BakeError> {
+fn module_file(named: Option<&Path>) -> Result<PathBuf, BakeError> {
     if let Some(path) = named {
         return Ok(path.to_owned());
     }

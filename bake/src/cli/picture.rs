@@ -63,7 +63,17 @@ impl PictureFile {
             Format::Png => encode_png8(picture, tone)?,
             Format::Exr => encode_exr(picture)?,
         };
-        Ok(self.output.write(|out| out.write_all(&bytes))?)
+        self.write_bytes(&bytes)
+    }
+
+    /// Form of its file.
+    pub fn format(&self) -> Format {
+        self.format
+    }
+
+    /// Writes a file that was encoded elsewhere. Errors: as [`Output::write`].
+    pub fn write_bytes(&self, bytes: &[u8]) -> anyhow::Result<()> {
+        Ok(self.output.write(|out| out.write_all(bytes))?)
     }
 
     /// What was drawn, in words.

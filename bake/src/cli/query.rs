@@ -1,5 +1,6 @@
 //! `squall query ASSET density …`: one number out of an asset's tables.
 
+use super::number;
 use anyhow::Result;
 use serde_json::json;
 use squall_bake::density::solve_counts;
@@ -37,27 +38,27 @@ enum What {
 #[command(allow_negative_numbers = true)]
 struct Density {
     /// Rainfall intensity, mm/h.
-    #[arg(long, value_name = "MM/H")]
+    #[arg(long, value_name = "MM/H", value_parser = number::from_zero)]
     rate: f64,
     /// Vertical field of view, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = number::between(0.0, 180.0, "degrees"))]
     fov: f64,
     /// Picture height, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 1080.0)]
+    #[arg(long, value_name = "PX", default_value_t = 1080.0, value_parser = number::positive)]
     height: f64,
     /// Exposure, milliseconds.
-    #[arg(long, value_name = "MS", default_value_t = 20.0)]
+    #[arg(long, value_name = "MS", default_value_t = 20.0, value_parser = number::positive)]
     exposure_ms: f64,
     /// Picture width over height, as 16:9 or as 1.7778.
     #[arg(long, value_name = "W:H", default_value = "16:9", value_parser = parse_aspect, allow_hyphen_values = true)]
     aspect: f64,
     /// Shortest streak that counts, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 30.0)]
+    #[arg(long, value_name = "PX", default_value_t = 30.0, value_parser = number::positive)]
     min_px: f64,
     /// Longest streak that counts, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 200.0)]
+    #[arg(long, value_name = "PX", default_value_t = 200.0, value_parser = number::positive)]
     max_px: f64,
-    /// How drops are counted: corrected, the paper's classes integrated exactly, or the paper as printed.
+    /// How drops are counted: default (corrected), paper-exact (the paper's classes, integrated exactly) or paper (as printed).
     #[arg(long, default_value = "default", value_parser = parse_mode)]
     mode: Mode,
     /// Also evaluate the formula itself.
@@ -76,6 +77,12 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 fn run_density(path: &std::path::Path, args: &Density) -> Result<()> {
+    if args.max_px <= args.min_px {
+        super::json::usage(&format!(
+            "--max-px: wanted more than --min-px {}, found {}",
+            args.min_px, args.max_px
+        ));
+    }
     let asset = super::asset::open_directory(path)?;
     let section = read_density(&asset)?;
     let rate = MillimetresPerHour(args.rate);

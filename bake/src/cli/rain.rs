@@ -1,11 +1,13 @@
 //! `squall rain COLOUR --depth DEPTH … -o OUT`
 
 use super::common::Common;
-use super::json;
+use super::{json, number};
 use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::frames::manifest::{FrameRecord, Manifest};
-use squall_bake::frames::{Given, Holes, Job, Report, RightCamera, run as rain_on};
+use squall_bake::frames::{
+    Given, Holes, Job, MOST_EXPOSURE_MS, MOST_GAIN, MOST_WIND_M_PER_S, Report, RightCamera, run as rain_on,
+};
 use squall_bake::input::depth::DepthForm;
 use squall_bake::input::pose::UpAxis;
 use squall_bake::output::folder_of;
@@ -18,6 +20,7 @@ use std::path::PathBuf;
 /// output says what was done; --manifest makes the same bytes again.
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
+#[command(group(clap::ArgGroup::new("lens").args(["intrinsics", "vertical_fov", "manifest"]).required(true)))]
 pub struct Args {
     /// The frame: PNG (sRGB, gAMA, cICP obeyed) or OpenEXR (scene-linear); or a folder or pattern of frames.
     #[arg(required_unless_present = "manifest")]
@@ -29,31 +32,31 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "planar")]
     depth_kind: DepthArg,
     /// Metres (or pixels of disparity) are value / S for integers (KITTI 256, TUM 5000), value · S for floats.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = number::positive)]
     depth_scale: Option<f64>,
     /// Distance between the cameras of a pair, m: for disparities and --right.
-    #[arg(long, value_name = "B")]
+    #[arg(long, value_name = "B", value_parser = number::positive)]
     baseline: Option<f64>,
     /// Focal lengths and axis of the lens, px, as calibrations give them: 0,0 is the middle of the top left pixel.
-    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, required_unless_present_any = ["vertical_fov", "manifest"], conflicts_with = "vertical_fov")]
+    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = intrinsics, allow_hyphen_values = true)]
     intrinsics: Option<[f64; 4]>,
     /// Angle from the picture's top to its bottom, degrees, in place of intrinsics.
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", value_parser = number::from_to(0.06, 179.3, "degrees"))]
     vertical_fov: Option<f64>,
     /// Rainfall intensity, mm/h; with several, each has a folder of its own.
-    #[arg(long, value_name = "R[,R…]", value_delimiter = ',', required_unless_present = "manifest")]
+    #[arg(long, value_name = "R[,R…]", value_delimiter = ',', value_parser = number::from_zero, allow_hyphen_values = true, required_unless_present = "manifest")]
     rate: Vec<f64>,
     /// An asset with the tables and patterns to use; a small built-in one if left out.
     #[arg(long)]
     asset: Option<PathBuf>,
     /// Time that the shutter is open, ms.
-    #[arg(long, value_name = "T", default_value_t = 20.0)]
+    #[arg(long, value_name = "T", default_value_t = 20.0, value_parser = number::from_to(1e-3, MOST_EXPOSURE_MS, "ms"))]
     exposure_ms: f64,
     /// Time of the (first) frame, s: moves the rain.
-    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = number::from_to(-1e9, 1e9, "s"))]
     time: f64,
     /// Frames a second, where neither --times nor poses say when a frame was taken.
-    #[arg(long, value_name = "F", default_value_t = 30.0)]
+    #[arg(long, value_name = "F", default_value_t = 30.0, value_parser = number::positive)]
     fps: f64,
     /// Times of the frames, s: a file with a number a line.
     #[arg(long, value_name = "FILE")]
@@ -62,26 +65,26 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Wind, m/s: x and y along the ground, z up.
-    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", value_parser = numbers::<3>)]
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true, value_parser = number::list_from_to::<3>(-MOST_WIND_M_PER_S, MOST_WIND_M_PER_S, "m/s"))]
     wind: [f64; 3],
     /// Where the camera stood, a line a frame: TUM's or KITTI's format. Without, it is level and looks along y.
     #[arg(long, value_name = "FILE")]
     pose: Option<PathBuf>,
     /// Which way is up in the file of poses: y, -y, z or -z; as its format has it (TUM z, KITTI -y) if left out.
-    #[arg(long, value_name = "AXIS", value_parser = up_axis)]
+    #[arg(long, value_name = "AXIS", value_parser = up_axis, allow_hyphen_values = true, requires = "pose")]
     pose_up: Option<UpAxis>,
     /// Light: a panorama in latitude and longitude (EXR), or the manifest.json of another run; estimated once, from the first frame, if
     /// left out.
     #[arg(long, value_name = "EXR")]
     environment: Option<PathBuf>,
     /// Factor on what drops cover; 1 is physical.
-    #[arg(long, value_name = "G", default_value_t = 1.0)]
+    #[arg(long, value_name = "G", default_value_t = 1.0, value_parser = number::from_to(0.0, MOST_GAIN, ""))]
     gain: f64,
     /// Shortest and longest streak that is drawn, px; 30,200 on 1080 rows and the same angle on others if left out.
-    #[arg(long, value_name = "MIN,MAX", value_parser = numbers::<2>)]
+    #[arg(long, value_name = "MIN,MAX", value_parser = lengths, allow_hyphen_values = true)]
     streak_px: Option<[f64; 2]>,
     /// How far the rain reaches, m: what lies beyond, the sky before all, is dimmed over this way.
-    #[arg(long, value_name = "M", default_value_t = 1000.0)]
+    #[arg(long, value_name = "M", default_value_t = 1000.0, value_parser = number::positive)]
     sky_distance: f64,
     /// What to make of pixels without a depth: the nearest depth, nothing, or the sky.
     #[arg(long, value_enum, default_value = "fill")]
@@ -145,10 +148,14 @@ enum HolesArg {
     Sky,
 }
 
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let wanted = || format!("wanted {N} numbers with commas between them");
-    let found: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse::<f64>()).collect();
-    found.ok().and_then(|found| <[f64; N]>::try_from(found).ok()).ok_or_else(wanted)
+fn intrinsics(text: &str) -> Result<[f64; 4], String> {
+    let found = number::list::<4>(text).ok().filter(|[fx, fy, ..]| *fx > 0.0 && *fy > 0.0);
+    found.ok_or_else(|| "wanted FX,FY,CX,CY, finite, FX and FY above 0".into())
+}
+
+fn lengths(text: &str) -> Result<[f64; 2], String> {
+    let found = number::list::<2>(text).ok().filter(|[low, high]| *low >= 1.0 && high > low);
+    found.ok_or_else(|| "wanted MIN,MAX of 1 px or more, the longest above the shortest".into())
 }
 
 fn up_axis(text: &str) -> Result<UpAxis, String> {
@@ -159,6 +166,16 @@ impl Args {
     /// Whether the answer is to be JSON.
     pub fn json(&self) -> bool {
         self.json
+    }
+
+    /// Ends the command (exit code 2) where an option would have no effect.
+    fn check_usage(&self) {
+        let pair = self.right.is_some() || matches!(self.depth_kind, DepthArg::Disparity);
+        if self.baseline.is_some() && !pair {
+            json::usage(
+                "--baseline is the distance of a pair: it goes with --depth-kind disparity or --right",
+            );
+        }
     }
 
     /// The job of the command line, and what it takes up.
@@ -225,6 +242,7 @@ impl Args {
 }
 
 pub fn run(args: Args) -> anyhow::Result<()> {
+    args.check_usage();
     let start = std::time::Instant::now();
     let (job, given) = args.job()?;
     let bars = args.common.start()?;
@@ -262,11 +280,18 @@ fn sum(report: &Report, of: impl Fn(&FrameRecord) -> usize) -> usize {
 fn words(job: &Job, report: &Report, seconds: f64) -> String {
     let made = report.records.len() - report.failed().count();
     let streaks = sum(report, |record| record.counts.map_or(0, |counts| counts.streaks));
+    let inside = sum(report, |record| record.counts.map_or(0, |counts| counts.inside));
     let holes = sum(report, |record| record.counts.map_or(0, |counts| counts.holes));
     let frames = if made == 1 { "frame" } else { "frames" };
     let kept = if report.kept > 0 { format!(" ({} kept)", report.kept) } else { String::new() };
+    let rates: Vec<String> = job.rates_mm_per_h.iter().map(|rate| format!("rate-{rate}")).collect();
+    // Several rates have a folder each, between the output's folder and its name.
+    let folders = if rates.len() > 1 { format!(" in {}", rates.join(", ")) } else { String::new() };
+    let streaks = format!("{streaks} streaks drawn, {inside} with their drop inside the frame");
     let out = job.out.display();
-    format!("{out}: {made} {frames}{kept}, {streaks} streaks, {holes} pixels without a depth, {seconds:.2} s")
+    format!(
+        "{out}{folders}: {made} {frames}{kept}, {streaks}, {holes} pixels without a depth, {seconds:.2} s"
+    )
 }
 
 fn answer(job: &Job, report: &Report, seconds: f64) -> Value {
@@ -290,6 +315,7 @@ fn answer(job: &Job, report: &Report, seconds: f64) -> Value {
         "errors": errors,
         "rates_mm_per_h": job.rates_mm_per_h,
         "streaks": sum(report, |record| record.counts.map_or(0, |counts| counts.streaks)),
+        "inside": sum(report, |record| record.counts.map_or(0, |counts| counts.inside)),
         "holes": sum(report, |record| record.counts.map_or(0, |counts| counts.holes)),
         "light": report.light,
         "notes": report.notes,

@@ -1,8 +1,10 @@
 //! `squall render ASSET -o PICTURE`, or of many frames: `--frames A..B --fps F -o NAME.####.png`
 
+mod animation;
 mod backend;
 mod flashes;
 mod layers;
+mod mark;
 mod sequence;
 mod weather;
 
@@ -11,6 +13,7 @@ use super::common::Common;
 use super::folder;
 use super::json;
 use super::light_quality::LightArgs;
+use super::number;
 use super::picture::{Format, PictureFile, Sheet, sky_words};
 use super::progress::Bars;
 use super::sky::SkyArgs;
@@ -20,18 +23,18 @@ use sequence::Sequence;
 use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::input::scene::read_camera;
-use squall_bake::output::Output;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::recipe::read_view;
+use squall_formats::section::density::DensitySection;
 use squall_formats::section::view::{ViewFlash, ViewSection};
 use squall_formats::units::{MillimetresPerHour, Seconds};
+use squall_runtime::density::read_density;
 use squall_runtime::frame::{FrameQuality, tone_of};
 use squall_runtime::picture::Picture;
 use squall_runtime::renderer::{FrameReport, Layer};
 use squall_runtime::tone::Tone;
-use squall_runtime::{Camera, Frame, RuntimeError, StormRenderer};
-use std::io::Write;
+use squall_runtime::{Asset, Camera, Frame, RuntimeError, StormRenderer};
 use std::path::{Path, PathBuf};
 
 /// Draws a picture from an asset alone: .png is developed for a display, .exr holds linear radiance.
@@ -53,16 +56,16 @@ pub struct Args {
     #[arg(long)]
     camera: Option<PathBuf>,
     /// Rainfall intensity, mm/h.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, value_parser = number::from_zero)]
     rate: Option<f64>,
     /// Name of a stroke that flashes, once for each; "none" for a dark picture.
     #[arg(long = "flash")]
     flashes: Vec<String>,
     /// Time of the exposure, s: moves the rain.
-    #[arg(long)]
+    #[arg(long, value_parser = number::from_to(-1e9, 1e9, "s"))]
     time: Option<f64>,
-    /// Width and height, px.
-    #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
+    /// Width and height, px: 1 to 2^26 pixels in all.
+    #[arg(long, num_args = 2, action = clap::ArgAction::Set, value_names = ["WIDTH", "HEIGHT"])]
     size: Option<Vec<u32>>,
     /// Stops to brighten (or, negative, darken) a .png by.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = stops)]
@@ -82,10 +85,10 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["rate", "flashes"])]
     contact_sheet: bool,
     /// Time that the shutter is open, ms; the view's if left out.
-    #[arg(long, value_name = "T")]
+    #[arg(long, value_name = "T", value_parser = number::from_to(1e-3, 1e4, "ms"))]
     exposure_ms: Option<f64>,
     /// Frames A to B − 1 of a sequence: frame k is k / F seconds after the view's time, and its flashes are curves in time.
-    #[arg(long, value_name = "A..B", value_parser = sequence::range, requires = "fps", conflicts_with_all = ["contact_sheet", "format"])]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true, value_parser = sequence::range, requires = "fps", conflicts_with_all = ["contact_sheet", "format"])]
     frames: Option<sequence::Range>,
     /// Frames a second.
     #[arg(long, value_name = "F", value_parser = rate, requires = "frames")]
@@ -93,7 +96,7 @@ pub struct Args {
     /// One animated PNG of all frames; a name that ends in .apng says the same.
     #[arg(long, requires = "frames")]
     apng: bool,
-    /// Keep frames that are there, whole, and draw the others.
+    /// Keep frames that are there, whole, and were drawn with these very settings; draw the others.
     #[arg(long, requires = "frames", conflicts_with = "apng")]
     resume: bool,
     /// Keys of flashes in place of the view's (JSON): docs/sequences.md.
@@ -103,7 +106,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 1, requires = "frames", conflicts_with = "keys")]
     flash_seed: u64,
     /// When its first return stroke begins, s after frame 0.
-    #[arg(long, value_name = "S", default_value_t = 0.1, requires = "frames", conflicts_with = "keys")]
+    #[arg(long, value_name = "S", default_value_t = 0.1, value_parser = number::from_to(-1e9, 1e9, "s"), requires = "frames", conflicts_with = "keys")]
     flash_at: f64,
     /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
@@ -153,6 +156,58 @@ impl Args {
     }
 }
 
+impl Args {
+    /// Ends the command (exit code 2) where options do not go together.
+    fn check_usage(&self) {
+        let outputs: Vec<&Path> =
+            std::iter::once(&self.out).chain(&self.report).map(PathBuf::as_path).collect();
+        json::check_stdout(self.json, &outputs);
+        if self.frames.is_some() && self.animated() {
+            if !self.layers.is_empty() {
+                json::usage("--layers go into .exr files, not into an animated picture");
+            }
+            if self.resume {
+                json::usage(
+                    "--resume keeps frames that are files of their own, and an animated picture is one file",
+                );
+            }
+        }
+        if let Some([width, height]) = self.size.as_deref()
+            && !(1..=1 << 26).contains(&(u64::from(*width) * u64::from(*height)))
+        {
+            json::usage(&format!("--size: wanted 1 to 2^26 pixels in all, found {width} × {height}"));
+        }
+        if self.stops != 0.0
+            && (self.format == Some(Format::Exr) || self.out.extension() == Some("exr".as_ref()))
+        {
+            json::usage("--stops brightens a .png; an .exr holds radiance as it is");
+        }
+        if self.flashes.iter().any(|name| name == "none") && self.flashes.len() > 1 {
+            json::usage("--flash none is a dark picture, and goes with no other --flash");
+        }
+        for (at, name) in self.flashes.iter().enumerate() {
+            if self.flashes[..at].contains(name) {
+                json::usage(&format!("--flash {name}: wanted every stroke once, found twice"));
+            }
+        }
+        for (at, layer) in self.layers.iter().enumerate() {
+            if self.layers[..at].contains(layer) {
+                json::usage(&format!("--layers: wanted every layer once, found {} twice", layer.name()));
+            }
+        }
+    }
+
+    /// Where a lone picture goes, tried. Errors: as [`PictureFile::prepare`]; layers into a .png.
+    fn picture(&self) -> Result<PictureFile, BakeError> {
+        let out = PictureFile::prepare(&self.out, self.format)?;
+        if !self.layers.is_empty() && out.format() != Format::Exr {
+            let wanted = "a name that ends in .exr, which holds layers (or --format exr)";
+            return Err(BakeError::input(&self.out, "output", wanted, self.out.display()));
+        }
+        Ok(out)
+    }
+}
+
 fn stops(text: &str) -> Result<f32, String> {
     let wanted = "wanted a number from -64 to 64";
     let value: f32 = text.parse().map_err(|_| wanted.to_owned())?;
@@ -161,18 +216,18 @@ fn stops(text: &str) -> Result<f32, String> {
 
 fn rate(text: &str) -> Result<f64, String> {
     let found = text.parse::<f64>().ok().filter(|rate| *rate > 0.0 && *rate <= 1e6);
-    found.ok_or_else(|| "wanted frames a second above 0".into())
+    found.ok_or_else(|| "wanted frames a second above 0, a million at most".into())
 }
 
 /// Rainfall intensities of a contact sheet, mm/h.
 const SHEET_RATES: [f64; 4] = [0.0, 2.0, 25.0, 75.0];
 
 pub fn run(args: Args) -> anyhow::Result<()> {
-    json::check_stdout(args.json, &[&args.out]);
+    args.check_usage();
     let start = std::time::Instant::now();
     let out = match args.frames {
         Some(_) => None,
-        None => Some(PictureFile::prepare(&args.out, args.format)?),
+        None => Some(args.picture()?),
     };
     let inputs = std::iter::once(&args.asset).chain(&args.scene).chain(&args.camera).chain(&args.keys);
     let results: Vec<&Path> = std::iter::once(&args.out).chain(&args.report).map(PathBuf::as_path).collect();
@@ -234,7 +289,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if args.layers.is_empty() {
         out.write(renderer.picture(), &tone)?;
     } else {
-        write_layers(&args, &renderer, &frame)?;
+        out.write_bytes(&layers::encode(&renderer, &frame, &args.layers, None)?)?;
     }
     let (report, seconds) = (renderer.report(), start.elapsed().as_secs_f64());
     bars.say(&out.words(renderer.picture(), &report, seconds));
@@ -255,16 +310,6 @@ fn told(args: &Args, backend: &Backend, renderer: &StormRenderer, bars: &Bars) -
     args.report.as_deref().map_or(Ok(()), |path| backend.report(path, renderer))
 }
 
-/// Writes one picture's layers. Errors: a name that does not end in .exr; as [`Output::write`].
-fn write_layers(args: &Args, renderer: &StormRenderer, frame: &Frame) -> anyhow::Result<()> {
-    if args.out.extension().is_none_or(|end| end != "exr") {
-        let wanted = "a name that ends in .exr, which holds layers";
-        return Err(BakeError::input(&args.out, "output", wanted, args.out.display()).into());
-    }
-    let bytes = layers::encode(renderer, frame, &args.layers)?;
-    Ok(Output::prepare(&args.out)?.write(|out| out.write_all(&bytes))?)
-}
-
 /// Draws the frames of a sequence.
 fn draw_frames(
     args: &Args,
@@ -279,16 +324,15 @@ fn draw_frames(
         None => Timeline::natural(&view.flashes, args.flash_seed, args.flash_at),
     };
     let (animated, layers) = (args.animated(), args.layers.as_slice());
-    if animated && !layers.is_empty() {
-        json::usage("--layers go into .exr files, not into an animated picture");
-    }
-    if animated && args.resume {
-        json::usage("--resume keeps frames that are files of their own, and an animated picture is one file");
-    }
     let sequence = Sequence { range, fps, animated, resume: args.resume, out: &args.out, layers };
     let made = sequence.run((renderer, backend), frame, (&timeline, tone), bars)?;
     let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
     let kept = if made.kept > 0 { format!(" ({} kept)", made.kept) } else { String::new() };
+    if made.redrawn > 0 {
+        let were = if made.redrawn == 1 { "frame was" } else { "frames were" };
+        let words = "there, not drawn with these settings: drawn again";
+        bars.warn(&format!("{}: {} {were} {words}", args.out.display(), made.redrawn));
+    }
     bars.say(&format!(
         "{}: {count} frames{kept}, {} streaks, {seconds:.2} s",
         args.out.display(),
@@ -365,6 +409,7 @@ fn view_of(args: &Args, camera: Option<&Camera>, renderer: &StormRenderer) -> an
     args.sky.apply(&mut view.sky);
     if let Some(rate) = args.rate {
         view.rain.rate_mm_per_h = rate;
+        check_rate(args, rate, renderer.asset())?;
     }
     if let Some(time) = args.time {
         view.rain.time_s = time;
@@ -386,4 +431,17 @@ fn view_of(args: &Args, camera: Option<&Camera>, renderer: &StormRenderer) -> an
             .collect();
     }
     Ok(view)
+}
+
+/// Refuses a rate beyond the asset's own tables, in words of the option. An asset without tables of rain says so where it is drawn.
+fn check_rate(args: &Args, rate: f64, asset: &Asset) -> Result<(), BakeError> {
+    if asset.directory().find(DensitySection::TAG).is_none() {
+        return Ok(());
+    }
+    let most = read_density(asset)?.largest_rate().0;
+    if rate <= most {
+        return Ok(());
+    }
+    let wanted = format!("0 to {most} mm/h, the range of this asset's rain");
+    Err(BakeError::input(&args.asset, "--rate", wanted, rate))
 }

@@ -46,8 +46,8 @@ pub struct Args {
     /// out.
     #[arg(long, value_parser = tolerance)]
     tolerance: Option<f64>,
-    /// sweep: sweeps after which to give up; 2000 if left out.
-    #[arg(long, value_name = "N")]
+    /// sweep: sweeps after which to give up, 4 to 100 000; 2000 if left out.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=100_000))]
     max_sweeps: Option<u32>,
     /// monte-carlo: photons, 100 to 10^11; a million if left out. Standard errors fall with their square root.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(PHOTONS))]

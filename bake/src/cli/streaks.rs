@@ -2,10 +2,15 @@
 
 mod extract;
 
+use super::common::Common;
+use super::folder::check_apart;
+use super::json;
+use super::picture::{Format, PictureFile};
+use squall_bake::BakeError;
 use squall_bake::input::picture::{grey_of, picture_file};
-use squall_bake::output;
+use squall_bake::progress::Progress;
 use squall_bake::streak::{self, FitSettings, Method, Source, preview};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What `squall streaks` can do.
 #[derive(clap::Subcommand)]
@@ -30,14 +35,16 @@ pub struct Fit {
     #[arg(long, default_value = "edges", value_parser = method)]
     method: Method,
     /// Oscillating terms per pattern; the constant and the window come on top.
-    #[arg(long, default_value_t = 6)]
-    cosines: usize,
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u8).range(0..=64))]
+    cosines: u8,
     /// Print one JSON list instead of a table.
     #[arg(long)]
     json: bool,
     /// Write a PNG with source, fit and difference of every picture side by side.
     #[arg(long, value_name = "PICTURE")]
     preview: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
 }
 
 impl Command {
@@ -71,12 +78,28 @@ pub fn run(command: Command) -> anyhow::Result<()> {
     }
 }
 
+/// Where a sheet of streaks goes, tried before the work. Errors: a name that is no PNG's; as [`PictureFile::prepare`].
+fn preview_file(path: &Path) -> Result<PictureFile, BakeError> {
+    PictureFile::prepare(path, Some(Format::Png)).map_err(|error| match error {
+        BakeError::Input { file, found, .. } if path.extension().is_some_and(|end| end == "exr") => {
+            BakeError::input(&file, "--preview", "a name that ends in .png", found)
+        }
+        other => other,
+    })
+}
+
 fn fit(args: &Fit) -> anyhow::Result<()> {
+    let outputs: Vec<&Path> = args.preview.iter().map(PathBuf::as_path).collect();
+    json::check_stdout(args.json, &outputs);
+    check_apart(&outputs, args.pictures.iter())?;
+    let preview = args.preview.as_deref().map(preview_file).transpose()?;
+    let bars = args.common.start()?;
     let mut pictures = Vec::new();
     for path in &args.pictures {
+        bars.check()?;
         let one = grey_of(&picture_file(path)?, args.layer.as_deref())?;
         if one.assumed {
-            eprintln!("note: {}: taken as {}", path.display(), one.how);
+            bars.say(&format!("note: {}: taken as {}", path.display(), one.how));
         }
         pictures.push(one.picture);
     }
@@ -86,11 +109,14 @@ fn fit(args: &Fit) -> anyhow::Result<()> {
         .zip(&pictures)
         .map(|(file, picture)| Source { file, picture, notes: None })
         .collect();
-    let settings = FitSettings { method: args.method, cosines: args.cosines };
+    let settings = FitSettings { method: args.method, cosines: args.cosines.into() };
     let patterns = streak::fit_all(&sources, settings)?;
-    if let Some(path) = &args.preview {
+    bars.check()?;
+    if let Some(file) = &preview {
         let sheet = preview::contact_sheet(&pictures, &patterns);
-        output::write_atomically(path, |out| preview::write_png8(&sheet, out))?;
+        let mut bytes = Vec::new();
+        preview::write_png8(&sheet, &mut bytes)?;
+        file.write_bytes(&bytes)?;
     }
     let lines = sources.iter().zip(&patterns);
     if args.json {

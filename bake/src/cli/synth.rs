@@ -1,8 +1,8 @@
 //! `squall synth …`: inputs from seeds.
 
+use super::common::Common;
 use super::folder::OutputFolder;
 use super::json;
-use super::progress::Bars;
 use serde_json::json;
 use squall_bake::BakeError;
 use squall_bake::input;
@@ -48,6 +48,8 @@ pub struct PointSpread {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 /// Arguments of `squall synth stroke`.
@@ -75,6 +77,8 @@ pub struct StrokeArgs {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 /// Arguments of `squall synth streaks`.
@@ -96,6 +100,8 @@ pub struct Streaks {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 /// Arguments of `squall synth cloud`.
@@ -120,6 +126,8 @@ pub struct Cloud {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -143,6 +151,8 @@ pub struct Town {
     /// Print one JSON object instead of words: docs/json.md.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 fn parse_cells(text: &str) -> Result<GridShape, String> {
@@ -182,9 +192,23 @@ impl Synth {
     }
 }
 
+impl Synth {
+    fn common(&self) -> &Common {
+        match self {
+            Self::Cloud(arguments) => &arguments.common,
+            Self::Town(arguments) => &arguments.common,
+            Self::Stroke(arguments) => &arguments.common,
+            Self::Streaks(arguments) => &arguments.common,
+            Self::PointSpread(arguments) => &arguments.common,
+        }
+    }
+}
+
 /// Runs the chosen maker.
 pub fn run(command: Synth) -> anyhow::Result<()> {
     let (name, in_json) = command.json();
+    let quiet = command.common().is_quiet();
+    let bars = command.common().start()?;
     let (seed, files) = match command {
         Synth::Cloud(arguments) => {
             let kind = match arguments.kind {
@@ -212,7 +236,6 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
             (seed, write_text(&out, &text)?)
         }
         Synth::Streaks(arguments) => {
-            let bars = Bars::new(false);
             let Streaks { out, scene, seed, count, .. } = arguments;
             let scene = Scene::from_name(&scene).unwrap_or(Scene::Mixed);
             let files = OutputFolder::prepare(&out)?
@@ -224,7 +247,6 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
             let PointSpread { out, seed, photons, .. } = arguments;
             json::check_stdout(in_json, &[&out]);
             let file = Output::prepare(&out)?;
-            let bars = Bars::new(false);
             let table = bake_point_spread(&SpreadSettings { photons, seed }, &bars)?;
             bars.finish();
             file.write(|out| out.write_all(&table))?;
@@ -236,7 +258,7 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
         let answer = json!({ "command": name, "tool": tool(), "seed": seed, "files": names });
         return json::answer(&answer);
     }
-    for file in &files {
+    for file in files.iter().filter(|_| !quiet) {
         say!("{}", file.display());
     }
     Ok(())

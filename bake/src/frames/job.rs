@@ -10,6 +10,13 @@ use squall_runtime::frame_rain::FrameRainSettings;
 use squall_runtime::glam::DVec3;
 use std::path::{Path, PathBuf};
 
+/// Longest exposure, ms: the view's of a recipe.
+pub const MOST_EXPOSURE_MS: f64 = 1e4;
+/// Largest factor on what drops cover: the view's of a recipe.
+pub const MOST_GAIN: f64 = 1000.0;
+/// Strongest wind along an axis, m/s: the view's of a recipe.
+pub const MOST_WIND_M_PER_S: f64 = 200.0;
+
 /// What to make of pixels without a depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -144,20 +151,20 @@ impl Job {
                 );
             }
         }
-        if !within(self.exposure_ms, 1e-3, 1000.0) {
-            return bad("--exposure-ms", "0.001 to 1000 ms", self.exposure_ms.to_string());
+        if !within(self.exposure_ms, 1e-3, MOST_EXPOSURE_MS) {
+            return bad("--exposure-ms", "0.001 to 10000 ms", self.exposure_ms.to_string());
         }
-        if !self.time_s.is_finite() {
-            return bad("--time", "finite seconds", self.time_s.to_string());
+        if !within(self.time_s, -1e9, 1e9) {
+            return bad("--time", "-1e9 to 1e9 s", self.time_s.to_string());
         }
         if !positive(self.fps) {
             return bad("--fps", "frames a second above 0", self.fps.to_string());
         }
-        if !self.wind_m_per_s.iter().all(|value| value.is_finite()) {
-            return bad("--wind", "three finite numbers", format!("{:?}", self.wind_m_per_s));
+        if !self.wind_m_per_s.iter().all(|value| value.abs() <= MOST_WIND_M_PER_S) {
+            return bad("--wind", "three numbers from -200 to 200 m/s", format!("{:?}", self.wind_m_per_s));
         }
-        if !(self.gain >= 0.0 && self.gain.is_finite()) {
-            return bad("--gain", "a finite number from 0", self.gain.to_string());
+        if !within(self.gain, 0.0, MOST_GAIN) {
+            return bad("--gain", "0 to 1000", self.gain.to_string());
         }
         if let Some([low, high]) = self.streak_px
             && !(low >= 1.0 && high > low && high.is_finite())

@@ -6,30 +6,26 @@ use crate::picture::{encode_named_channels, encoding_error};
 use std::io::Write;
 use std::path::Path;
 
-/// Writes shares in [0, 1], row 0 on top: grey 16-bit PNG whose samples are the shares (linear, and said so), or an EXR with channel Y.
+/// Bytes of shares in [0, 1], row 0 on top, in the form that the name says: grey 16-bit PNG whose samples are the shares (linear, and
+/// said so), or an EXR with channel Y.
 ///
-/// Answers the bytes' hash. Errors: another end of the name (exit code 3), what the system refuses (4).
-pub fn write_shares(path: &Path, size: (usize, usize), shares: &[f32]) -> Result<blake3::Hash, BakeError> {
-    let bytes = match ending(path)? {
+/// Errors: another end of the name.
+pub fn encode_share_file(path: &Path, size: (usize, usize), shares: &[f32]) -> std::io::Result<Vec<u8>> {
+    match ending(path).map_err(encoding_error)? {
         Ending::Exr => encode_named_channels(size, vec![("Y", shares.to_vec())], false),
         Ending::Png => encode_shares(size, shares),
-    };
-    write(path, &bytes.map_err(BakeError::io(path, "encode"))?)
+    }
 }
 
-/// Writes light, row 0 on top: an EXR with R, G and B.
-///
-/// Answers the bytes' hash. Errors: as [`write_shares`]; a PNG, which would cut light.
-pub fn write_light(path: &Path, size: (usize, usize), light: &[[f32; 3]]) -> Result<blake3::Hash, BakeError> {
+/// Bytes of light, row 0 on top: an EXR with R, G and B. Errors: a picture without pixels.
+pub fn encode_light(size: (usize, usize), light: &[[f32; 3]]) -> std::io::Result<Vec<u8>> {
     let band = |band: usize| light.iter().map(|pixel| pixel[band]).collect();
-    let bytes = encode_named_channels(size, vec![("R", band(0)), ("G", band(1)), ("B", band(2))], false);
-    write(path, &bytes.map_err(BakeError::io(path, "encode"))?)
+    encode_named_channels(size, vec![("R", band(0)), ("G", band(1)), ("B", band(2))], false)
 }
 
-/// Writes bytes and answers their hash.
-pub fn write(path: &Path, bytes: &[u8]) -> Result<blake3::Hash, BakeError> {
-    write_atomically(path, |out| out.write_all(bytes))?;
-    Ok(blake3::hash(bytes))
+/// Writes bytes, whole or not at all. Errors: what the system refuses.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
+    write_atomically(path, |out| out.write_all(bytes))
 }
 
 /// Kind of a layer's file.

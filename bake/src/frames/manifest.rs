@@ -138,7 +138,7 @@ pub struct OutputRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Counts {
-    /// Streaks that touch the frame.
+    /// Streaks drawn: those that can reach the frame. What the scene hides counts, and the odd one ends beside the frame.
     pub streaks: usize,
     /// Those whose drop is inside it in the middle of the exposure.
     pub inside: usize,

@@ -302,7 +302,8 @@ impl<'a> Plan<'a> {
         let refused =
             |path: &Path, wanted: &str, found: &str| Err(BakeError::input(path, "output", wanted, found));
         if inputs.contains(&real(&self.manifest)) {
-            return refused(&self.manifest, "a manifest that is not read", "one of the inputs");
+            let wanted = "a manifest that is not read: put the output into another folder";
+            return refused(&self.manifest, wanted, "one of the inputs");
         }
         for (kind, path) in self.all_places()? {
             if path == Path::new("-") || !matches!(Place::of(&path)?, Place::File(_)) {

@@ -2,19 +2,20 @@
 
 mod again;
 mod kept;
+mod outputs;
 mod taken;
 
 use super::job::{Job, relative};
 use super::journal::{self, Entry, Heading, Journal};
-use super::layers::{self, Ending, ending, write_light, write_shares};
+use super::layers;
 use super::manifest::{AssetRecord, Counts, FileRecord, FrameRecord, Inputs, Manifest, OutputRecord};
 use super::place::{NewFolders, check_manifest};
 use super::plan::{Key, Kind, Plan, Step, StepCamera};
-use super::stream::{Stream, lines};
+use super::stream::Stream;
 use crate::error::BakeError;
 use crate::input::Input;
 use crate::input::depth::{DepthFile, DepthForm, DepthReading, depth_file, depth_of};
-use crate::input::picture::frame::{FrameKind, FramePicture, frame_of};
+use crate::input::picture::frame::{FramePicture, frame_of};
 use crate::input::picture::picture_file;
 use crate::input::pose::{Poses, read_poses, read_times};
 use crate::output::pending;
@@ -110,8 +111,12 @@ pub fn run(job: &Job, given: &Given, progress: &dyn Progress) -> Result<Report, 
     folders.keep();
     let from = heading.light.from.clone();
     let manifest = Manifest::new(heading, records);
-    let text = manifest.text().map_err(BakeError::io(&plan.manifest, "write"))?;
-    layers::write(&plan.manifest, text.as_bytes())?;
+    // What was to be made again stays the measure of it where it was not.
+    let spoilt = given.again.is_some() && manifest.frames.iter().any(|record| record.error.is_some());
+    if !(spoilt && plan.manifest.exists()) {
+        let text = manifest.text().map_err(BakeError::io(&plan.manifest, "write"))?;
+        layers::write(&plan.manifest, text.as_bytes())?;
+    }
     // Only now does something else say what the journal does.
     let _ = std::fs::remove_file(journal::path_of(&plan.manifest));
     let notes = work.notes;
@@ -285,7 +290,8 @@ impl Work<'_> {
             Ok(stream_bytes) => Ok((record, stream_bytes)),
             Err(refusal) => {
                 self.remove(&record.outputs);
-                let bad_frame = refusal.exit_code == 3;
+                // An input that is none, or outputs that are not the manifest's.
+                let bad_frame = matches!(refusal.exit_code, 1 | 3);
                 if !bad_frame || !self.plan.many || self.given.strict {
                     return Err(refusal.error());
                 }
@@ -339,37 +345,9 @@ impl Work<'_> {
         };
         let mut picture = pair.frame.picture.clone();
         let report = self.rain.rain_on(&self.job.settings(rate), &taken, &mut picture)?;
-        let mut stream_bytes = None;
-        for kind in Kind::ALL {
-            let Some(path) = self.plan.place(kind, step, camera, rate)? else { continue };
-            let hash = match kind {
-                Kind::Frame => {
-                    let form = match ending(&path)? {
-                        Ending::Png => FrameKind::Png,
-                        Ending::Exr => FrameKind::Exr,
-                    };
-                    let bytes = pair.frame.encode(&picture, form).map_err(BakeError::io(&path, "encode"))?;
-                    layers::write(&path, &bytes)?
-                }
-                Kind::Mask => write_shares(&path, size, self.rain.mask())?,
-                Kind::Transmittance => write_shares(&path, size, self.rain.transmittance())?,
-                Kind::InScattered => write_light(&path, size, self.rain.in_scattered())?,
-                Kind::Streaks => {
-                    let text = lines(&self.rain, &taken, record).map_err(BakeError::io(&path, "write"))?;
-                    match streams.get_mut(&path) {
-                        Some(stream) => stream_bytes = Some(stream.add(&path, text.as_bytes())?),
-                        None => _ = layers::write(&path, text.as_bytes())?,
-                    }
-                    blake3::hash(text.as_bytes())
-                }
-            };
-            let blake3 = hash.to_hex().to_string();
-            record.outputs.push(OutputRecord {
-                kind: kind.name().into(),
-                name: relative(&path, folder)?,
-                blake3,
-            });
-        }
+        let made = self.encode((step, camera, rate), pair, &taken, (&picture, record))?;
+        self.check_outputs(record, &made)?;
+        let stream_bytes = self.write(made, record, streams)?;
         record.counts = Some(Counts {
             streaks: report.streaks,
             inside: report.inside,

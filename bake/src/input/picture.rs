@@ -6,11 +6,13 @@
 
 pub mod frame;
 mod layer;
+mod note;
 mod transfer;
 
 use super::{Input, MAX_PICTURE_BYTES};
 use crate::error::BakeError;
 pub use layer::exr_channel;
+pub use note::note_of;
 use squall_runtime::picture::Picture;
 use std::io::Cursor;
 use std::path::Path;

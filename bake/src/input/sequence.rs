@@ -72,14 +72,19 @@ fn frame(path: PathBuf, number: Option<u64>) -> FrameFile {
     FrameFile { path, stem, number }
 }
 
-/// The frames that `path` stands for; of a folder, the files whose names end in one of `extensions`.
+/// The frames that `path` stands for: a file or folder that is there, else a pattern; of a folder, the files whose names end in one of `extensions`.
 ///
-/// Errors: no such folder, a folder or pattern without frames, more than 2²⁰, a name in it that is no UTF-8.
+/// Errors: no such file or folder, a folder or pattern without frames, more than 2²⁰, a name in it that is no UTF-8.
 pub fn find_frames(path: &Path, extensions: &[&str]) -> Result<Frames, BakeError> {
-    let pattern = Pattern::of(path)?;
-    let is_folder = pattern.is_none() && path.is_dir();
-    if pattern.is_none() && !is_folder {
+    // What is there goes before what a name with # might stand for.
+    let there = path.metadata();
+    if there.as_ref().is_ok_and(|found| !found.is_dir()) {
         return Ok(Frames::One(frame(path.to_owned(), None)));
+    }
+    let is_folder = there.is_ok();
+    let pattern = if is_folder { None } else { Pattern::of(path)? };
+    if let (None, Err(error)) = (&pattern, there) {
+        return Err(BakeError::io(path, "read")(error));
     }
     let folder = if is_folder { path } else { crate::output::folder_of(path) };
     let mut found = Vec::new();

@@ -1,7 +1,7 @@
 //! The recipe's text as it is typed, and its way to a checked [`Recipe`].
 
 use super::clouds::CloudsFile;
-use super::model::{Clouds, Recipe, SunWish};
+use super::model::{Clouds, Rain, Recipe, SunWish};
 use super::place::Source;
 use super::rain::RainFile;
 use super::view::ViewFile;
@@ -9,6 +9,7 @@ use crate::error::{BakeError, RecipeError};
 use crate::input::without_mark;
 use glam::DVec3;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::response::{DistantKind, towards_sun};
 use squall_formats::section::view::ViewSection;
@@ -40,10 +41,21 @@ struct PlaceFile {
     origin_m: Spanned<[f64; 3]>,
 }
 
+/// A view in a file of its own, or in a whole recipe, whose other tables are another command's to check.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ViewAlone {
     view: Spanned<ViewFile>,
+    #[serde(rename = "clouds")]
+    _clouds: Option<IgnoredAny>,
+    #[serde(rename = "rain")]
+    _rain: Option<IgnoredAny>,
+    #[serde(rename = "strokes")]
+    _strokes: Option<IgnoredAny>,
+    #[serde(rename = "town")]
+    _town: Option<IgnoredAny>,
+    #[serde(rename = "place")]
+    _place: Option<IgnoredAny>,
 }
 
 #[derive(Deserialize)]
@@ -112,15 +124,26 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
         let found = format!("{:?}", view.camera.position_m);
         return Err(source.error(span, "view.position_m", wanted, found).into());
     }
-    if let (Some(view), None) = (&view, &rain)
-        && view.rain.rate_mm_per_h > 0.0
-    {
-        let span = source.locate(&["view", "rain", "rate_mm_per_h"]).unwrap_or(0..0);
-        let wanted = "0 in a recipe without [rain]";
-        let found = view.rain.rate_mm_per_h;
-        return Err(source.error(span, "view.rain.rate_mm_per_h", wanted, found.to_string()).into());
+    if let Some(view) = &view {
+        check_view_rate(view, rain.as_ref(), &source)?;
     }
     Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, place_m, view })
+}
+
+/// Refuses a picture of more rain than the recipe's tables will hold, which no command could draw.
+fn check_view_rate(view: &ViewSection, rain: Option<&Rain>, source: &Source) -> Result<(), RecipeError> {
+    let rate = view.rain.rate_mm_per_h;
+    let wanted = match rain {
+        None if rate > 0.0 => "0 in a recipe without [rain]".to_owned(),
+        Some(rain) if rate > rain.density.ranges.rate[1].0 => {
+            let most = rain.density.ranges.rate[1].0;
+            format!("0 to {most} mm/h, where rain.density.rate_mm_per_h ends")
+        }
+        _ => return Ok(()),
+    };
+    let span = source.locate(&["view", "rain", "rate_mm_per_h"]);
+    let span = span.or_else(|| source.locate(&["view"])).unwrap_or(0..0);
+    Err(source.error(span, "view.rain.rate_mm_per_h", wanted, rate.to_string()))
 }
 
 /// A recipe that frames a picture and says nothing of the sky's light on its cloud gets the light of the sky that the picture shows. A
@@ -182,7 +205,7 @@ impl PlaceFile {
     }
 }
 
-/// Reads a file that holds a view alone.
+/// Reads the view of a file that holds it alone, or of a recipe.
 pub(super) fn read_view(path: &Path, text: &str, strokes: &[String]) -> Result<ViewSection, BakeError> {
     let source = Source { file: path, text: without_mark(text) };
     let file: ViewAlone = toml::from_str(source.text).map_err(|error| source.refused_text(&error))?;

@@ -1,12 +1,13 @@
 //! Layers of a picture in one OpenEXR file: beauty as R, G and B, every other one with its name before its channels.
 
 use anyhow::Context;
-use squall_bake::picture::{ChannelValues, encode_layers};
+use squall_bake::picture::{ChannelValues, Note, encode_layers};
 use squall_runtime::renderer::{Layer, LayerPixels};
 use squall_runtime::{Frame, StormRenderer};
 
-/// Reads a layer's name.
+/// Reads a layer's name; blanks around it do not count.
 pub fn layer(name: &str) -> Result<Layer, String> {
+    let name = name.trim();
     let known = || Layer::ALL.map(Layer::name).join(", ");
     Layer::from_name(name).ok_or_else(|| format!("wanted some of {}", known()))
 }
@@ -34,7 +35,12 @@ pub fn are_among(layers: &[Layer], names: &[String]) -> bool {
 /// Bytes of the file with the layers of the picture that `renderer` drew last, of `frame`.
 ///
 /// Errors: as [`StormRenderer::layer`].
-pub fn encode(renderer: &StormRenderer, frame: &Frame, layers: &[Layer]) -> anyhow::Result<Vec<u8>> {
+pub fn encode(
+    renderer: &StormRenderer,
+    frame: &Frame,
+    layers: &[Layer],
+    note: Option<Note>,
+) -> anyhow::Result<Vec<u8>> {
     let mut all: Vec<(String, ChannelValues)> = Vec::new();
     for &layer in layers {
         let mut names = channels(layer).into_iter();
@@ -64,5 +70,5 @@ pub fn encode(renderer: &StormRenderer, frame: &Frame, layers: &[Layer]) -> anyh
         }
     }
     let size = (frame.camera.width as usize, frame.camera.height as usize);
-    Ok(encode_layers(size, all)?)
+    Ok(encode_layers(size, all, note)?)
 }

@@ -1,6 +1,6 @@
 //! What `squall render` may say of rain, lens and sun in place of the view.
 
-use super::super::json;
+use super::super::{json, number};
 use squall_formats::section::view::{ViewForm, ViewPhase, ViewSection};
 
 /// The form of the rain's medium.
@@ -27,7 +27,7 @@ enum PhaseName {
 #[derive(clap::Args)]
 pub struct Weather {
     /// Full angle between the picture's top and bottom edge, degrees.
-    #[arg(long, value_name = "DEG", conflicts_with = "camera", help_heading = "Weather")]
+    #[arg(long, value_name = "DEG", value_parser = number::from_to(0.06, 179.3, "degrees"), conflicts_with = "camera", help_heading = "Weather")]
     fov: Option<f64>,
     /// Form of the rain's medium in place of the view's.
     #[arg(long, value_enum, help_heading = "Weather")]
@@ -36,11 +36,11 @@ pub struct Weather {
     #[arg(long, value_enum, help_heading = "Weather")]
     phase: Option<PhaseName>,
     /// Asymmetry of Henyey and Greenstein's function, -0.999 to 0.999, in place of the view's or the form's own.
-    #[arg(long, value_name = "G", allow_negative_numbers = true, help_heading = "Weather")]
+    #[arg(long, value_name = "G", value_parser = number::from_to(-0.999, 0.999, ""), help_heading = "Weather")]
     g: Option<f64>,
     /// Irradiance of the sun outside the air, W/m²: one number, or three for red, green and blue with commas between them.
-    #[arg(long, value_name = "W", value_delimiter = ',', help_heading = "Weather")]
-    sun_irradiance: Option<Vec<f64>>,
+    #[arg(long, value_name = "W", value_parser = irradiance, help_heading = "Weather")]
+    sun_irradiance: Option<[f64; 3]>,
 }
 
 impl Weather {
@@ -67,13 +67,14 @@ impl Weather {
                 ));
             }
         }
-        match self.sun_irradiance.as_deref() {
-            None => {}
-            Some([all]) => view.sky.sun_irradiance_w_per_m2 = [*all; 3],
-            Some([r, g, b]) => view.sky.sun_irradiance_w_per_m2 = [*r, *g, *b],
-            Some(other) => {
-                json::usage(&format!("--sun-irradiance: wanted one number or three, found {}", other.len()));
-            }
+        if let Some(bands) = self.sun_irradiance {
+            view.sky.sun_irradiance_w_per_m2 = bands;
         }
     }
+}
+
+fn irradiance(text: &str) -> Result<[f64; 3], String> {
+    let found = number::list::<1>(text).map(|[all]| [all; 3]).or_else(|_| number::list::<3>(text));
+    let found = found.ok().filter(|bands| bands.iter().all(|band| (0.0..=1e12).contains(band)));
+    found.ok_or_else(|| "wanted one number or three of 0 or more with commas between them, W/m²".into())
 }

@@ -1,7 +1,7 @@
 //! `squall streaks extract FRAME… -o DIR`
 
 use crate::cli::common::Common;
-use crate::cli::folder::OutputFolder;
+use crate::cli::folder::{OutputFolder, check_apart};
 use crate::cli::json;
 use crate::cli::table::{Column, layout, print};
 use serde_json::json;
@@ -14,7 +14,7 @@ use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::streak::extract::{ExtractSettings, Extracted, FEWEST_FRAMES, extract};
 use squall_bake::streak::preview::{sheet, write_png8, write_png16};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Luminance of linear Rec. 709 primaries.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
@@ -78,6 +78,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Err(BakeError::input(&paths[0], "frames", wanted, paths.len()).into());
     }
     let mut folder = OutputFolder::prepare(&args.out)?;
+    // How many there will be is not known: none of the names that may be written is one that is read.
+    let possible: Vec<String> = (0..usize::from(args.most)).map(name_of).collect();
+    let places: Vec<PathBuf> = possible.iter().map(|name| args.out.join(name)).collect();
+    let outputs: Vec<&Path> = places.iter().chain(&args.preview).map(PathBuf::as_path).collect();
+    json::check_stdout(args.json, &outputs);
+    check_apart(&outputs, paths.iter())?;
+    folder.expect(possible.iter().map(String::as_str))?;
+    let preview = args.preview.as_deref().map(super::preview_file).transpose()?;
     let bars = args.common.start()?;
     bars.begin("frames", paths.len() as u64);
     let frames = read_frames(&paths, &bars)?;
@@ -89,8 +97,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let streaks = extract(&frames, &settings)?;
     bars.check()?;
-    let names: Vec<String> = (0..streaks.len()).map(|at| format!("streak{at:02}.png")).collect();
-    folder.expect(names.iter().map(String::as_str))?;
+    let names: Vec<String> = (0..streaks.len()).map(name_of).collect();
     folder.write(|folder| {
         for (name, streak) in names.iter().zip(&streaks) {
             let frame = paths[streak.frame].file_name().unwrap_or_default().to_string_lossy();
@@ -99,9 +106,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         Ok(())
     })?;
-    if let Some(path) = &args.preview {
+    if let Some(file) = &preview {
         let columns: Vec<Grey> = streaks.iter().map(|streak| streak.picture.clone()).collect();
-        write_atomically(path, |out| write_png8(&sheet(&columns), out))?;
+        let mut bytes = Vec::new();
+        write_png8(&sheet(&columns), &mut bytes)?;
+        file.write_bytes(&bytes)?;
     }
     bars.finish();
     if args.json {
@@ -129,6 +138,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         bars.warn("no streak was found; a lower --threshold, --least-length or --least-width finds more");
     }
     print_table(&names, &streaks, &paths)
+}
+
+/// Name of the picture of streak `at`.
+fn name_of(at: usize) -> String {
+    format!("streak{at:02}.png")
 }
 
 fn print_table(names: &[String], streaks: &[Extracted], paths: &[PathBuf]) -> anyhow::Result<()> {

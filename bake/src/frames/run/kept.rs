@@ -12,7 +12,18 @@ use std::path::{Path, PathBuf};
 
 impl Work<'_> {
     /// What an earlier run of the same settings made of the same inputs and is still there, whole.
-    pub fn earlier(&self, journal: &Path, heading: &Heading) -> Vec<Entry> {
+    pub fn earlier(&mut self, journal: &Path, heading: &Heading) -> Vec<Entry> {
+        let entries = self.earlier_whole(journal, heading);
+        if entries.is_empty() && self.plan.is_shared(Kind::Streaks) && self.plan.manifest.exists() {
+            self.notes.push(
+                "nothing is kept of a run that came to its end beside one list of streaks for all frames"
+                    .into(),
+            );
+        }
+        entries
+    }
+
+    fn earlier_whole(&self, journal: &Path, heading: &Heading) -> Vec<Entry> {
         let mut entries = journal::read(journal, heading);
         let shared = self.plan.is_shared(Kind::Streaks);
         if entries.is_empty()
