@@ -12,7 +12,7 @@ use crate::plan::sun::usual_sun;
 use crate::recipe::{Clouds, Recipe};
 use crate::response::BATCH;
 use serde::Serialize;
-use squall_formats::section::response::DirectTerm;
+use squall_formats::section::response::{DirectTerm, Stored};
 use squall_runtime::transport::Cloud;
 
 /// A bake as it is foreseen.
@@ -89,9 +89,12 @@ pub fn estimate(recipe: &Recipe) -> Result<Estimate, BakeError> {
     let mut clouds = None;
     if let Some(part) = &recipe.clouds {
         let shown = read_scene(&part.scene, part.optics)?.cloud;
-        let cloud = in_light_cells(recipe, part, &shown)?.unwrap_or(shown);
-        let mut work = work(recipe, part, &cloud)?;
-        work.cpu_seconds = work.seconds(part, &cloud);
+        let cloud = in_light_cells(recipe, part, &shown)?;
+        let cloud = cloud.as_ref().unwrap_or(&shown);
+        // A fit is of light in the shown cells.
+        let solved = if part.response.stored == Stored::Fit { &shown } else { cloud };
+        let mut work = work(recipe, part, (cloud, solved))?;
+        work.cpu_seconds = work.seconds(part, (cloud, solved));
         cpu_seconds += work.cpu_seconds;
         clouds = Some(work);
     }
@@ -105,13 +108,13 @@ pub fn estimate(recipe: &Recipe) -> Result<Estimate, BakeError> {
     })
 }
 
-fn work(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<CloudWork, BakeError> {
+fn work(recipe: &Recipe, clouds: &Clouds, (cloud, solved): (&Cloud, &Cloud)) -> Result<CloudWork, BakeError> {
     let settings = &clouds.response;
     let site = Site::new(recipe, clouds, cloud);
     let (lights, strokes) = site.held_out(site.usual_spacing_m(), 0)?;
     Ok(CloudWork {
         cells: cloud.shape.to_array().map(|count| count as u32),
-        solve_cells: cloud.shape.len() as u64 * u64::from(settings.refine).pow(3),
+        solve_cells: solved.shape.len() as u64 * u64::from(settings.refine).pow(3),
         directions: settings.solve.quadrature.ordinates()?.len(),
         light_grid: lights.grid.axes().map(<[f64]>::len),
         virtual_lights: lights.wanted_count(),
@@ -119,7 +122,7 @@ fn work(recipe: &Recipe, clouds: &Clouds, cloud: &Cloud) -> Result<CloudWork, Ba
         coefficients: settings.basis.count(),
         held_out_strokes: strokes.len(),
         held_out_points: strokes.iter().map(Vec::len).sum(),
-        sweeps: sweeps(clouds, cloud),
+        sweeps: sweeps(clouds, solved),
         cpu_seconds: 0.0,
         chosen_by_budget: clouds.budget.needs_held_out(),
     })
@@ -144,10 +147,10 @@ fn sweeps(clouds: &Clouds, cloud: &Cloud) -> f64 {
 
 impl CloudWork {
     /// Seconds of one core.
-    fn seconds(&self, clouds: &Clouds, cloud: &Cloud) -> f64 {
+    fn seconds(&self, clouds: &Clouds, (cloud, solved): (&Cloud, &Cloud)) -> f64 {
         let settings = &clouds.response;
         let cells = self.solve_cells as f64;
-        let counts = cloud.shape.to_array().map(|count| (count as u32 * settings.refine) as f64);
+        let counts = solved.shape.to_array().map(|count| (count as u32 * settings.refine) as f64);
         let [nx, ny, nz] = counts;
         // Rays through every face of the grid's sides, each through about half the grid.
         let samples = f64::from(settings.samples);

@@ -9,7 +9,7 @@ use crate::plan::lights::{Site, in_light_cells};
 use crate::plan::sun::usual_sun;
 use crate::recipe::model::{Clouds, Recipe};
 use crate::response::BATCH;
-use squall_formats::section::response::DirectTerm;
+use squall_formats::section::response::{DirectTerm, Stored};
 use squall_formats::sphere::MAX_HARMONICS;
 use squall_runtime::transport::Cloud;
 use std::path::Path;
@@ -80,6 +80,9 @@ impl Estimate {
     }
 }
 
+/// Values of a stored cell in a least-squares fit: its neighbours.
+const FIT_VALUES: u64 = 27;
+
 /// Memory of [`crate::cloud::solve_light`], one light: `refine` parts of each of `cells` along each axis, J towards `directions`.
 pub fn of_solve(cells: u64, refine: u32, directions: u64) -> Estimate {
     let fine = cells.saturating_mul(u64::from(refine).saturating_pow(3));
@@ -91,12 +94,12 @@ pub fn of_solve(cells: u64, refine: u32, directions: u64) -> Estimate {
     Estimate { shared, thread: 0, threads: 1, cells }
 }
 
-/// Memory of baking `rows` of `coefficients` a cell for the response of a grid of `cells`.
-fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate {
+/// Memory of baking `rows` for the response of a grid of `cells`, solved for in the parts of so many.
+fn of_response(clouds: &Clouds, (cells, solved): (u64, u64), rows: u64, threads: u64) -> Estimate {
     let settings = &clouds.response;
     let (lanes, harmonics) = (BATCH as u64, MAX_HARMONICS as u64);
     let coefficients = settings.basis.count() as u64;
-    let fine = cells.saturating_mul(u64::from(settings.refine).saturating_pow(3));
+    let fine = solved.saturating_mul(u64::from(settings.refine).saturating_pow(3));
     let in_rows = settings.direct == DirectTerm::InRows;
     // A batch: the solver's vectors and what it gathers, a lane a light; direct light of one.
     let of_fine = ((VECTORS - 1) * BAKE_MOMENTS + harmonics) * lanes + BAKE_MOMENTS + 1 + harmonics;
@@ -110,9 +113,12 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
     // Rows that strokes are split over stay as they were solved until their group of batches is done.
     let held = rows.min(GROUP).min(strokes * ROWS_OF_A_STROKE).saturating_mul(cells * coefficients * VALUE);
     let coded = 3.0 * CODED * rows as f64 * coefficients as f64 * cells as f64;
+    // What a solve cell counts for, and the normal matrix.
+    let fit = if settings.stored == Stored::Fit { (fine + FIT_VALUES * cells) * VALUE } else { 0 };
     let shared = PROGRAM
         .saturating_add(fine.saturating_mul(PREPARED * VALUE))
         .saturating_add(cells * 2 * VALUE)
+        .saturating_add(fit)
         .saturating_add(strokes.saturating_mul(stroke))
         .saturating_add(held)
         .saturating_add(coded as u64);
@@ -126,7 +132,7 @@ fn of_response(clouds: &Clouds, cells: u64, rows: u64, threads: u64) -> Estimate
 pub fn require_grid(recipe: &Recipe, limit: Limit) -> Result<(), BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(()) };
     let Some(cells) = cells_of(&clouds.scene) else { return Ok(()) };
-    of_response(clouds, cells, 1, 1).require(&clouds.scene, limit, remedy(clouds))
+    of_response(clouds, (cells, cells), 1, 1).require(&clouds.scene, limit, remedy(clouds))
 }
 
 fn remedy(clouds: &Clouds) -> &'static str {
@@ -139,9 +145,13 @@ fn remedy(clouds: &Clouds) -> &'static str {
 pub fn require_bake(recipe: &Recipe, threads: u64, limit: Limit) -> Result<Option<Estimate>, BakeError> {
     let Some(clouds) = &recipe.clouds else { return Ok(None) };
     let shown = read_scene(&clouds.scene, clouds.optics)?.cloud;
+    let shown_cells = shown.shape.len() as u64;
     let cloud = in_light_cells(recipe, clouds, &shown)?.unwrap_or(shown);
+    let cells = cloud.shape.len() as u64;
+    // A fit is of light in the shown cells.
+    let solved = if clouds.response.stored == Stored::Fit { shown_cells } else { cells };
     let rows = rows_of(recipe, clouds, &cloud)? + clouds.distant.len() as u64;
-    let estimate = of_response(clouds, cloud.shape.len() as u64, rows, threads);
+    let estimate = of_response(clouds, (cells, solved), rows, threads);
     estimate.require(&clouds.scene, limit, remedy(clouds))?;
     Ok(Some(estimate))
 }

@@ -24,7 +24,7 @@ use squall_runtime::RuntimeError;
 use squall_runtime::camera::{Camera, Projection};
 use squall_runtime::clouds::CloudLight;
 use squall_runtime::in_scattered::InScattered;
-use squall_runtime::live::{DirectCells, LiveSolver};
+use squall_runtime::live::DirectCells;
 use squall_runtime::relight::{PointLight, RelightBuffers, RelightOptions, Relighter};
 use squall_runtime::shade::cloud::direct::ExactDirect;
 use squall_runtime::shade::cloud::{
@@ -44,8 +44,9 @@ pub enum DirectFrom {
     Lamps,
 }
 
-/// Lamps times pixels up to which direct light is followed for every ray of the picture; beyond, it is a mean per cell.
-const EXACT_WORK: usize = 1 << 18;
+/// Lamps times pixels up to which direct light is followed for every ray of the picture; beyond, it is a mean per cell, which
+/// [`RelitReport::exact_direct`] says.
+pub const EXACT_WORK: usize = 1 << 18;
 /// Rays that a perspective picture's direct light per cell is made of, over all lamps, and for one lamp at least and at most.
 const CELL_RAYS: usize = 1 << 22;
 const CELL_RAYS_PER_LIGHT: [usize; 2] = [1024, 1 << 16];
@@ -136,9 +137,9 @@ pub fn relight(
     let rows = RowCost::measure(clouds.relighter(), &inside)?;
     let (mut light, live) = lit(clouds, lights, progress)?;
     let relighter = clouds.relighter();
-    let (cloud, head) = (relighter.light_cloud(), &relighter.response().head);
+    let head = &relighter.response().head;
 
-    let solver = LiveSolver::new(cloud, &head.solver)?;
+    let solver = relighter.live_solver()?;
     let samples = match automatic_samples(head.solver.refine.into_iter().min().unwrap_or(1)) {
         fine if lights.len() <= MANY_LAMPS => fine,
         fine => fine.min(2),

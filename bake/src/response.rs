@@ -27,6 +27,7 @@ use cache::ResponseCache;
 pub use directions::{add_direct, in_26_directions};
 use finer::{Baked, bake_finer};
 pub use grid::{LightSpacing, WantedLights, light_grid};
+use job::SolveCells;
 pub use job::{BakedResponse, HeldOutStroke, Job, Sources};
 use rayon::prelude::*;
 pub use schedule::BATCH;
@@ -37,7 +38,6 @@ use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{ResponseHead, ResponseRows};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
-use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::solve::{Solver, sweeps_together};
 
@@ -97,7 +97,7 @@ pub fn solve_held_out(
     let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
     let lights = WantedLights { grid, wanted: vec![false] };
     let sources = Sources { lights, distant: Vec::new(), sun: None };
-    let job = Job { cloud, sources: &sources, settings, held_out, known: None, cache };
+    let job = Job { cloud, sources: &sources, settings, held_out, known: None, shown: None, cache };
     Ok(solve_rows(&job, progress)?.held_out)
 }
 
@@ -115,17 +115,15 @@ fn solve_each_row<R: Send>(
     take: &mut dyn FnMut(R),
     progress: &dyn Progress,
 ) -> Result<Gathered, BakeError> {
-    let fine = job.cloud.refined([job.settings.refine; 3])?;
-    let mut solver = Solver::<4>::new(&fine, job.settings.solve)?;
+    let cells = SolveCells::new(job)?;
+    let mut solver = Solver::<4>::new(&cells.fine, job.settings.solve)?;
     if job.settings.seen_only {
         // Light is stored where rays shade at most: sweeps step over the air around.
-        let (shaded, parent) = (job.cloud.shaded(), CoarseIndex::new(fine.shape, [job.settings.refine; 3]));
-        let read: Vec<bool> = (0..fine.shape.len()).map(|cell| shaded[parent.of(cell)]).collect();
-        solver = solver.read_in(&fine, &read);
+        solver = solver.read_in(&cells.fine, &cells.read);
     }
-    let rows = RowSolver::new(job, &fine, &solver);
+    let rows = RowSolver::new(job, &cells, &solver);
     rows.check_visible()?;
-    let head = planned_head(job, solver.scaled().extinction_scale, rows.seen());
+    let head = planned_head((job, &cells), solver.scaled().extinction_scale, rows.seen());
     let weights = job.held_out.iter().map(|lights| split_stroke(&head, lights)).collect();
     let held_out = match job.known {
         Some(known) => known.to_vec(),

@@ -30,6 +30,8 @@ pub(crate) use light::DirectExtent;
 pub use light::{CloudLight, LiveReport, Viewer};
 pub use sky::SunSource;
 #[cfg(feature = "live")]
+pub(crate) use solve::solver_of;
+#[cfg(feature = "live")]
 pub use squall_transport::gather::GatherReport;
 
 use crate::error::RuntimeError;

@@ -108,6 +108,9 @@ pub struct FrameQuality {
     pub light: LightQuality,
     /// How closely sky and cloud are looked at, behind the town and in its mirrors.
     pub sky: Spacing,
+    /// Smallest tile, 8 to 32 pixels, at whose corners halos in the rain are worked out, and how much they may differ from what lies
+    /// between the corners; smaller tiles are worked out pixel by pixel.
+    pub halos: Spacing,
 }
 
 impl FrameQuality {
@@ -117,13 +120,15 @@ impl FrameQuality {
         rays: DirectRays::STILL,
         light: LightQuality::PLAIN,
         sky: Spacing { pixels: 8, tolerance: 0.02 },
+        halos: Spacing { pixels: 8, tolerance: 0.02 },
     };
     /// A preview's: one sample a pixel, mirrors at a quarter of the size, a quarter of the rays. docs/frame-time.md has what it costs and saves.
     pub const PREVIEW: Self = Self {
         town: Quality::PREVIEW,
         rays: DirectRays::PREVIEW,
         light: LightQuality::PLAIN,
-        sky: Spacing { pixels: 8, tolerance: 0.1 },
+        sky: Spacing { pixels: 16, tolerance: 0.1 },
+        halos: Spacing { pixels: 8, tolerance: 0.1 },
     };
 }
 

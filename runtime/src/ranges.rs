@@ -90,7 +90,8 @@ impl Opening {
     ///
     /// Errors: bytes that were not asked for; too few of them; a header or section table that is no asset's.
     pub fn give(&mut self, at: u64, given: &[u8]) -> Result<(), RuntimeError> {
-        let end = at + given.len() as u64;
+        // A caller may say any place.
+        let end = at.saturating_add(given.len() as u64);
         let Some(wanted) = self.wanted.last().filter(|wanted| wanted.start == at && end <= wanted.end) else {
             let wanted = self.wanted.last().map_or("none".into(), |wanted| format!("bytes {wanted:?}"));
             return Err(RuntimeError::argument("range", wanted, format!("{at}..{end}")));

@@ -155,6 +155,14 @@ impl Relighter {
         }
     }
 
+    /// A solver with the rows' discretisation, whose light comes out as theirs is stored.
+    ///
+    /// Errors: no solver can follow their record.
+    #[cfg(feature = "live")]
+    pub fn live_solver(&self) -> Result<crate::live::LiveSolver, RuntimeError> {
+        crate::clouds::solver_of(self)
+    }
+
     /// The response's rows and what they mean.
     pub fn response(&self) -> &Response {
         &self.response

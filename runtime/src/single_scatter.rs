@@ -13,7 +13,7 @@ mod shares;
 
 pub use budget::DirectRays;
 #[cfg(feature = "live")]
-pub(crate) use moments::direct_moments;
+pub(crate) use moments::{WantedCells, add_direct_moments};
 #[cfg(feature = "gpu")]
 pub(crate) use shares::beam_shares;
 
@@ -203,6 +203,18 @@ pub fn add_direct_fluence(
 
 /// Follows every light's rays into tallies and adds what those hold, per cell volume, to `sums`; without distances through all cells.
 fn add_rays<T: Tally>(
+    near: (&Cloud, f64, &[u8]),
+    lights: &[PointLight],
+    settings: DirectSettings,
+    tallies: (&(dyn Fn() -> T + Sync), &(dyn Fn(T) -> Vec<f32> + Sync)),
+    sums: &mut [f32],
+) {
+    add_rays_in(POINTS_PER_PIECE, near, lights, settings, tallies, sums);
+}
+
+/// [`add_rays`] with so many lights in one piece.
+fn add_rays_in<T: Tally>(
+    at_once: usize,
     (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
     lights: &[PointLight],
     settings: DirectSettings,
@@ -220,7 +232,7 @@ fn add_rays<T: Tally>(
     let piece = |number: usize, lights: &[PointLight]| -> Vec<f32> {
         let mut tally = tally();
         for (i, light) in lights.iter().enumerate() {
-            let index = number * POINTS_PER_PIECE + i;
+            let index = number * at_once + i;
             let turn = random_turn(settings.seed, index as u64);
             let power = light.intensity * 4.0 * std::f64::consts::PI / f64::from(rays[index]);
             for &direction in &spheres[&rays[index]] {
@@ -239,7 +251,7 @@ fn add_rays<T: Tally>(
             *sum += value * share;
         }
     };
-    map_chunks(lights, POINTS_PER_PIECE, piece, add);
+    map_chunks(lights, at_once, piece, add);
 }
 
 /// A rotation uniform over all rotations \[shoemake\].

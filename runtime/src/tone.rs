@@ -4,10 +4,12 @@
 //! while it brightens and only its core turns white; a curve per colour would bend the hue on the way.
 
 pub mod bloom;
+mod power;
 
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use bloom::Bloom;
+use power::power;
 
 /// How a picture is developed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +53,17 @@ pub fn srgb_from_linear(linear: f32) -> f32 {
     }
 }
 
+/// [`srgb_from_linear`] for pixel after pixel, within 2·10⁻⁶.
+fn signal_of(linear: f32) -> f32 {
+    if linear >= 1.0 {
+        1.0
+    } else if linear <= 0.003_130_8 {
+        12.92 * linear.max(0.0)
+    } else {
+        1.055 * power(linear, 1.0 / 2.4) - 0.055
+    }
+}
+
 /// Inverse of [`srgb_from_linear`].
 pub fn linear_from_srgb(signal: f32) -> f32 {
     if signal <= 0.040_45 { signal.max(0.0) / 12.92 } else { libm::powf((signal + 0.055) / 1.055, 2.4) }
@@ -82,14 +95,22 @@ impl Tone {
     /// Display light in [0, 1] of one radiance, linear. Black stays black; monotone in brightness; infinity
     /// is white and NaN black.
     pub fn curve(&self, radiance: [f32; 3]) -> [f32; 3] {
+        self.curve_with(self.grey(), radiance)
+    }
+
+    /// What the curve puts below, so that mid-grey stays as it is.
+    fn grey(&self) -> f32 {
+        power(MID_GREY, self.contrast) * (1.0 / MID_GREY - 1.0)
+    }
+
+    fn curve_with(&self, grey: f32, radiance: [f32; 3]) -> [f32; 3] {
         let exposed = radiance.map(|value| tame(value * self.exposure));
         let peak = exposed[0].max(exposed[1]).max(exposed[2]);
         if peak <= 0.0 {
             return [0.0; 3];
         }
         // Naka and Rushton's response x^n / (x^n + c), with c such that mid-grey stays where it is.
-        let grey = libm::powf(MID_GREY, self.contrast) * (1.0 / MID_GREY - 1.0);
-        let raised = libm::powf(peak, self.contrast);
+        let raised = power(peak, self.contrast);
         let shown = raised / (raised + grey);
         let toward_white = ((shown - self.shoulder) / (1.0 - self.shoulder)).clamp(0.0, 1.0);
         let toward_white = toward_white * toward_white;
@@ -97,17 +118,6 @@ impl Tone {
             let share = value / peak;
             shown * (share + (1.0 - share) * toward_white)
         })
-    }
-
-    /// Display signal (sRGB, in [0, 1]) of every pixel: bloom, exposure and curve. Pixels are independent; with
-    /// feature `rayon` they run on the caller's pool.
-    fn signals(&self, picture: &Picture) -> Vec<[f32; 3]> {
-        let tamed = picture.pixels.iter().map(|pixel| pixel.map(tame)).collect();
-        let tamed = Picture { width: picture.width, height: picture.height, pixels: tamed };
-        let mut pixels = self.bloom.spread(&tamed).pixels;
-        let develop = |pixel: &mut [f32; 3]| *pixel = self.curve(*pixel).map(srgb_from_linear);
-        pixels.par_iter_mut().with_min_len(4096).for_each(develop);
-        pixels
     }
 
     /// 8-bit sRGB pixels, row 0 = top.
@@ -120,17 +130,33 @@ impl Tone {
         self.quantise(picture, 65_535.0, |value| value as u16)
     }
 
-    fn quantise<T>(&self, picture: &Picture, top: f32, cast: impl Fn(f32) -> T) -> Vec<[T; 3]> {
-        let signals = self.signals(picture);
-        let pixels = signals.iter().enumerate().map(|(i, signal)| {
-            let (x, y) = (i % picture.width, i / picture.width);
-            std::array::from_fn(|band| {
-                // One offset a colour, so that the pattern is colour noise of half a step, not brightness.
-                let offset = if self.dither { pattern(x, y, band) } else { 0.5 };
-                cast((signal[band] * top + offset).min(top))
-            })
-        });
-        pixels.collect()
+    /// Bloom, exposure, curve and sRGB of every pixel, in steps of one over `top`. Pixels are independent; with feature `rayon` they run
+    /// on the caller's pool.
+    fn quantise<T: Copy + Default + Send>(
+        &self,
+        picture: &Picture,
+        top: f32,
+        cast: impl Fn(f32) -> T + Sync,
+    ) -> Vec<[T; 3]> {
+        let tamed = picture.pixels.iter().map(|pixel| pixel.map(tame)).collect();
+        let tamed = Picture { width: picture.width, height: picture.height, pixels: tamed };
+        let light = self.bloom.spread(&tamed).pixels;
+        let (width, grey) = (picture.width, self.grey());
+        let mut shown = vec![[T::default(); 3]; light.len()];
+        let row = |(y, (shown, light)): (usize, (&mut [[T; 3]], &[[f32; 3]]))| {
+            for (x, (shown, light)) in shown.iter_mut().zip(light).enumerate() {
+                let signal = self.curve_with(grey, *light).map(signal_of);
+                *shown = std::array::from_fn(|band| {
+                    // One offset a colour, so that the pattern is colour noise of half a step, not brightness.
+                    let offset = if self.dither { pattern(x, y, band) } else { 0.5 };
+                    cast((signal[band] * top + offset).min(top))
+                });
+            }
+        };
+        if width > 0 {
+            shown.par_chunks_mut(width).zip(light.par_chunks(width)).enumerate().for_each(row);
+        }
+        shown
     }
 }
 

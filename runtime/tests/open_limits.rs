@@ -184,6 +184,7 @@ fn a_large_grid_in_clear_air_with_many_nodes_without_rows_opens_within_bounds() 
         seen: None,
         sun: None,
         entropy: None,
+        stored: Default::default(),
         finer: Vec::new(),
     };
     let response = response::write(&head, ResponseRows::default());

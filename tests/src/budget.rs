@@ -110,6 +110,7 @@ fn the_choice_is_within_15_percent_of_the_cheapest_of_all_settings() {
             settings: &settings,
             held_out: &strokes,
             known: None,
+            shown: None,
             cache: None,
         };
         let solved = solve_rows(&job, &Quiet).unwrap();

@@ -16,7 +16,7 @@ use squall_formats::light_grid::LightGrid;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{
-    self, Codec, DirectTerm, DirectionalBasis, DistantKind, RowCode, accumulate,
+    self, Codec, DirectTerm, DirectionalBasis, DistantKind, RowCode, Stored, accumulate,
 };
 use squall_runtime::Asset;
 use squall_runtime::random::Random;
@@ -90,6 +90,7 @@ fn settings(case: Case) -> ResponseSettings {
         seen_only: false,
         view_region: None,
         refine: 1,
+        stored: Stored::Means,
         samples: 1,
         solve: SolveSettings { quadrature, tolerance: 1e-2, ..SolveSettings::default() },
     }
@@ -110,6 +111,7 @@ fn bake(case: Case) -> Baked {
         settings: &settings,
         held_out: &strokes,
         known: None,
+        shown: None,
         cache: None,
     };
     let mut response = bake_response(&job, &Quiet).unwrap();
@@ -361,6 +363,7 @@ fn leaving_hidden_cells_out_changes_no_light_that_a_ray_shades_with_and_takes_fe
             settings: &settings,
             held_out: &strokes,
             known: None,
+            shown: None,
             cache: None,
         };
         asset_of(&cloud, bake_response(&job, &Quiet).unwrap()).unwrap()

@@ -10,7 +10,7 @@ use squall_formats::GridShape;
 use squall_formats::error::Limits;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{
-    self, Codec, DirectTerm, DirectionalBasis, ResponseHead, ResponseSection, SolverRecord,
+    self, Codec, DirectTerm, DirectionalBasis, ResponseHead, ResponseSection, SolverRecord, Stored,
 };
 use squall_formats::sphere::MAX_HARMONICS;
 use squall_runtime::clouds::LightQuality;
@@ -56,6 +56,7 @@ fn settings(finer: u32, relative_error: f64) -> ResponseSettings {
         seen_only: true,
         view_region: None,
         refine: 1,
+        stored: Stored::Means,
         samples: 4,
         solve: SolveSettings {
             quadrature: Quadrature::DoubleGauss { polar: 2, azimuths: 8 },
@@ -70,7 +71,8 @@ fn baked(cloud: &Cloud, settings: &ResponseSettings) -> BakedResponse {
     let [x_m, y_m, z_m] = cloud.origin_m.to_array().map(axis);
     let lights = WantedLights { grid: LightGrid { x_m, y_m, z_m }, wanted: Vec::new() };
     let sources = Sources { lights, distant: Vec::new(), sun: None };
-    let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
+    let job =
+        Job { cloud, sources: &sources, settings, held_out: &[], known: None, shown: None, cache: None };
     bake_response(&job, &Quiet).unwrap()
 }
 

@@ -136,6 +136,40 @@ fn a_picture_repeats_to_the_bit_and_from_used_memory() {
 }
 
 #[test]
+fn any_number_of_threads_draws_the_same_picture_at_both_qualities() {
+    use squall_runtime::frame::FrameQuality;
+    let asset = asset(sections());
+    let mut view = StormRenderer::new(&asset).unwrap().view().unwrap().clone();
+    view.rain.rate_mm_per_h = 25.0;
+    for quality in [FrameQuality::STILL, FrameQuality::PREVIEW] {
+        let frame = Frame::from(&view).quality(quality);
+        let [one, two, three] = [1, 2, 3].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut renderer = StormRenderer::new(&asset).unwrap();
+            pool.install(|| renderer.render(&frame).unwrap().clone())
+        });
+        assert!(one == two && one == three, "{quality:?}");
+    }
+}
+
+#[test]
+fn a_later_frame_of_a_flash_is_the_one_that_a_renderer_draws_which_kept_nothing() {
+    use squall_runtime::formats::units::Seconds;
+    let asset = asset(sections());
+    let [mut fresh, mut used] = [0, 1].map(|_| StormRenderer::new(&asset).unwrap());
+    let mut view = fresh.view().unwrap().clone();
+    view.rain.rate_mm_per_h = 25.0;
+    view.rain.wind_m_per_s = [8.0, 3.0, 0.0];
+    let first = Frame::from(&view);
+    let mut later = first.clone().time(Seconds(0.2));
+    later.flashes.iter_mut().for_each(|flash| flash.brightness *= 0.3);
+    used.render(&first).unwrap();
+    used.render(&later).unwrap();
+    assert_eq!(fresh.render(&later).unwrap(), used.picture());
+    assert!(!later.flashes.is_empty() && used.report().strokes_kept == later.flashes.len());
+}
+
+#[test]
 fn twice_the_brightness_adds_twice_the_light() {
     let asset = asset(sections());
     let lit = |brightness: f64| {

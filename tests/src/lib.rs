@@ -52,6 +52,8 @@ mod energy;
 #[cfg(test)]
 mod finer;
 #[cfg(test)]
+mod fitted;
+#[cfg(test)]
 mod frame;
 #[cfg(test)]
 mod front_door;

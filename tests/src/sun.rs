@@ -120,7 +120,7 @@ fn measure_mixing_between_beams() {
             let cloud = relighter.cloud().clone();
             let clouds = recipe.clouds.as_ref().unwrap();
             let suns = held_out_suns(&Site::new(&recipe, clouds, &cloud), 0).unwrap();
-            let set = SunSet::solve(&cloud, &clouds.response, &suns, (1, None), &Quiet).unwrap();
+            let set = SunSet::solve((&cloud, None), &clouds.response, &suns, (1, None), &Quiet).unwrap();
             let rings = root_mean_square(set.errors(&relighter).unwrap());
             let head = &relighter.response().head;
             let beams = head.suns();
@@ -221,7 +221,7 @@ fn unseen_suns_on_the_storms_cloud_are_near_direct_solves_and_nearer_with_more_b
         let site = Site::new(&recipe, clouds, &cloud);
         // Neither the suns nor the viewpoints are those that the bake itself measured by.
         let suns = held_out_suns(&site, 7).unwrap();
-        let set = SunSet::solve(&cloud, &clouds.response, &suns, (9, None), &Quiet).unwrap();
+        let set = SunSet::solve((&cloud, None), &clouds.response, &suns, (9, None), &Quiet).unwrap();
         root_mean_square(set.errors(&Relighter::new(&asset).unwrap()).unwrap())
     };
     let basis = "basis = \"harmonics-3\"\nerror = 0.003\n";

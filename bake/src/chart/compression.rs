@@ -67,6 +67,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
             settings: &settings,
             held_out: &strokes,
             known: None,
+            shown: None,
             cache: None,
         };
         let solved = solve_rows(&job, &Quiet)?;

@@ -149,7 +149,8 @@ impl Shot<'_> {
         let lights = WantedLights { wanted, ..grid };
         let sources = Sources { lights, distant: Vec::new(), sun: None };
         let settings = &ResponseSettings { direct: DirectTerm::AtRunTime, ..self.scene.settings };
-        let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
+        let job =
+            Job { cloud, sources: &sources, settings, held_out: &[], known: None, shown: None, cache: None };
         let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
         let one = |light: &PointLight| Segment {
             from: light.position,
@@ -216,7 +217,8 @@ impl Shot<'_> {
     fn flash(&self, lights: WantedLights, settings: &ResponseSettings) -> Result<Point, BakeError> {
         let (cloud, stroke) = (&self.scene.cloud, self.stroke.as_slice());
         let sources = Sources { lights, distant: Vec::new(), sun: None };
-        let job = Job { cloud, sources: &sources, settings, held_out: &[], known: None, cache: None };
+        let job =
+            Job { cloud, sources: &sources, settings, held_out: &[], known: None, shown: None, cache: None };
         let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
         let mut clouds = Clouds::new(&asset)?;
         let (done, cost) =

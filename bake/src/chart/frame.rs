@@ -86,7 +86,7 @@ pub fn sweep(task: &Sweep<'_>, progress: &dyn Progress) -> Result<Vec<Point>, Ba
 }
 
 const fn finest(samples: u32) -> Quality {
-    Quality { samples, facets: 48, spacing: 1, tolerance: 0.0, slow_spacing: 1 }
+    Quality { samples, facets: 48, spacing: 1, tolerance: 0.0, slow_spacing: 1, spot: 1 }
 }
 
 /// As finely as is affordable once.
@@ -95,6 +95,7 @@ const FINEST: FrameQuality = FrameQuality {
     rays: DirectRays::PerPoint(4096),
     light: LightQuality::PLAIN,
     sky: Spacing { pixels: 1, tolerance: 0.0 },
+    halos: Spacing { pixels: 8, tolerance: 0.0 },
 };
 
 /// Series, setting in words and quality.

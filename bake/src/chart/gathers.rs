@@ -123,7 +123,15 @@ fn baked(scene: &ChartScene<'_>, lights: WantedLights, degree: u8) -> Result<(Cl
     };
     let sources = Sources { lights, distant: Vec::new(), sun: None };
     let cloud = &scene.cloud;
-    let job = Job { cloud, sources: &sources, settings: &settings, held_out: &[], known: None, cache: None };
+    let job = Job {
+        cloud,
+        sources: &sources,
+        settings: &settings,
+        held_out: &[],
+        known: None,
+        shown: None,
+        cache: None,
+    };
     let (asset, bytes) = asset_of(cloud, bake_response(&job, &Quiet)?)?;
     Ok((Clouds::new(&asset)?, bytes))
 }

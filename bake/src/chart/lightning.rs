@@ -89,6 +89,7 @@ fn point(
         settings: &settings,
         held_out: strokes,
         known: Some(known),
+        shown: None,
         cache: None,
     };
     let (done, cost) = seconds(1, || -> Result<_, BakeError> {

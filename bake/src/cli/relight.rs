@@ -14,8 +14,9 @@ use squall_bake::input::scene::read_lights;
 use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
-use squall_bake::relit::{DirectFrom, RelitReport, relight};
+use squall_bake::relit::{DirectFrom, EXACT_WORK, RelitReport, relight};
 use squall_runtime::Clouds;
+use squall_runtime::camera::Camera;
 use squall_runtime::tone::Tone;
 use std::io::Write;
 use std::path::PathBuf;
@@ -106,6 +107,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if let Some(gathered) = &report.gathered {
         bars.say(&gathered.to_string());
     }
+    if let Some(note) = note_means(&report, &camera) {
+        bars.say(&note);
+    }
     let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
@@ -151,6 +155,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     summary["picture"] = json!(args.out.to_string_lossy());
     summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
     answer::answer(&summary)
+}
+
+/// That direct light was not followed for every ray, in words, if it was not.
+fn note_means(report: &RelitReport, camera: &Camera) -> Option<String> {
+    let pixels = u64::from(camera.width) * u64::from(camera.height);
+    (!report.exact_direct).then(|| {
+        format!(
+            "note: direct light is read from means per cell: {} lamps times {pixels} pixels are more than {EXACT_WORK}, up to which it \
+             is followed for every ray",
+            report.lights
+        )
+    })
 }
 
 /// What was solved for on the spot, in words, if anything was.

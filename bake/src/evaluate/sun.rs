@@ -23,12 +23,12 @@ pub struct SunSet {
 }
 
 impl SunSet {
-    /// Solves for `suns` (unit vectors towards them) as `settings` says that rows are, in all degrees that the solver has. Viewpoints are
+    /// Solves in `cloud`'s cells, or in `shown`'s whose blocks those are ([`Job::shown`]), for `suns` (unit vectors towards them) as `settings` says that rows are, in all degrees that the solver has. Viewpoints are
     /// those of `number`.
     ///
     /// Errors: a solve that does not converge, an interruption.
     pub fn solve(
-        cloud: &Cloud,
+        (cloud, shown): (&Cloud, Option<&Cloud>),
         settings: &ResponseSettings,
         suns: &[DVec3],
         (number, cache): (u64, Option<&ResponseCache>),
@@ -41,7 +41,8 @@ impl SunSet {
         let beam = |sun: &DVec3| DistantKind::Sun { direction: (-*sun).to_array() };
         let distant = suns.iter().map(beam).collect();
         let sources = Sources { lights, distant, sun: Some(SunDirections::Path) };
-        let job = Job { cloud, sources: &sources, settings: &settings, held_out: &[], known: None, cache };
+        let job =
+            Job { cloud, sources: &sources, settings: &settings, held_out: &[], known: None, shown, cache };
         let solved = solve_rows(&job, progress)?;
         let head = &solved.head;
         let views = Views::new(cloud, settings.view_region.as_ref(), number, |cell| head.sees(cell));

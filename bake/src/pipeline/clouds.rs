@@ -122,6 +122,7 @@ impl Made {
             settings: &plan.settings,
             held_out: &strokes,
             known: None,
+            shown: Some(site.shown),
             cache: site.cache,
         };
         let baked = bake_response(&job, progress)?;
@@ -182,8 +183,13 @@ impl Made {
             return Ok(None);
         }
         progress.begin("unseen suns", suns.len() as u64);
-        let set =
-            SunSet::solve(site.cloud, &self.plan.settings, &suns, (iteration as u64, site.cache), progress)?;
+        let set = SunSet::solve(
+            (site.cloud, Some(site.shown)),
+            &self.plan.settings,
+            &suns,
+            (iteration as u64, site.cache),
+            progress,
+        )?;
         let error = root_mean_square(set.errors(relighter)?);
         let words = format!("L2 {:.2} % under {} unseen suns", 100.0 * error, suns.len());
         self.reports.push(clock.report("sun", plan.to_string(), 0, words));

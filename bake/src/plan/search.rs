@@ -132,6 +132,7 @@ impl<'a> Search<'a> {
             settings: &settings,
             held_out: &strokes,
             known,
+            shown: Some(site.shown),
             cache: site.cache,
         };
         let candidate = Candidate::new(&job, &site.flashes, &Quiet)?;

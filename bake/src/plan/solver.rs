@@ -10,6 +10,7 @@ use crate::progress::{Progress, Quiet};
 use crate::recipe::model::ResponseSettings;
 use crate::response::{HeldOutStroke, solve_held_out};
 use squall_formats::section::provenance::BudgetRecord;
+use squall_formats::section::response::Stored;
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
@@ -134,7 +135,8 @@ impl<'a> SolverSearch<'a> {
     fn solve(&self, strokes: &[Vec<PointLight>], at: usize) -> Result<Vec<HeldOutStroke>, BakeError> {
         let Candidate { refine, quadrature, .. } = self.candidates[at];
         let solve = SolveSettings { quadrature, ..self.settings.solve };
-        let settings = ResponseSettings { refine, solve, ..*self.settings };
+        // Settings are compared by what every cell of theirs holds.
+        let settings = ResponseSettings { refine, solve, stored: Stored::Means, ..*self.settings };
         self.progress.check()?;
         solve_held_out(self.site.cloud, &settings, strokes, self.site.cache, &Quiet)
     }

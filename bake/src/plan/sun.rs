@@ -203,7 +203,7 @@ pub fn plan_sun(
         return Ok(Some(allowed.beams(allowed.usual_step_deg())));
     };
     progress.begin("beams of the sun", STEPS_DEG.len() as u64);
-    let truth = SunSet::solve(site.cloud, settings, &tried, (0, site.cache), &Quiet)?;
+    let truth = SunSet::solve((site.cloud, Some(site.shown)), settings, &tried, (0, site.cache), &Quiet)?;
     let mut coarser: Option<String> = None;
     for step_deg in STEPS_DEG {
         progress.check()?;
@@ -232,8 +232,15 @@ fn baked_alone(site: &Site<'_>, settings: &ResponseSettings, plan: &SunPlan) -> 
     let grid = LightGrid { x_m: vec![0.0], y_m: vec![0.0], z_m: vec![0.0] };
     let lights = WantedLights { grid, wanted: vec![false] };
     let sources = Sources { lights, distant: plan.beams.clone(), sun: Some(plan.directions.clone()) };
-    let job =
-        Job { cloud: site.cloud, sources: &sources, settings, held_out: &[], known: None, cache: site.cache };
+    let job = Job {
+        cloud: site.cloud,
+        sources: &sources,
+        settings,
+        held_out: &[],
+        known: None,
+        shown: Some(site.shown),
+        cache: site.cache,
+    };
     let (asset, _) = asset_of(site.cloud, bake_response(&job, &Quiet)?)?;
     Ok(Relighter::new(&asset)?)
 }

@@ -5,7 +5,9 @@ use super::number::Number;
 use super::place::Source;
 use crate::error::RecipeError;
 use serde::Deserialize;
-use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind, SweepScheme};
+use squall_formats::section::response::{
+    Codec, DirectTerm, DirectionalBasis, DistantKind, Stored, SweepScheme,
+};
 use squall_formats::view_region::ViewRegion;
 use squall_runtime::transport::quadrature::Quadrature;
 use squall_runtime::transport::solve::SolveSettings;
@@ -110,6 +112,7 @@ struct ResponseFile {
     /// One direction, all its light in one row: as recipes had it before `sun`.
     sun_direction: Option<Spanned<[f64; 3]>>,
     cells: Option<Spanned<[u32; 3]>>,
+    stored: Option<Spanned<StoredName>>,
     test_strokes: Option<Number>,
     seen_only: Option<bool>,
 }
@@ -147,6 +150,13 @@ enum CodecName {
     Entropy,
     Bytes,
     Paper,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum StoredName {
+    Means,
+    Fit,
 }
 
 #[derive(Clone, Copy, Deserialize, PartialEq)]
@@ -378,6 +388,7 @@ impl CloudsFile {
             seen_only: response.seen_only.unwrap_or(!matches!(response.codec, Some(CodecName::Paper))),
             // Set where it is known.
             view_region: None,
+            stored: response.stored(transport, source)?,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
             // Set where virtual lights are known.
@@ -437,6 +448,19 @@ impl ResponseFile {
             return Err(source.error(old.span(), "clouds.response.sun_direction", wanted, "both"));
         }
         super::sun::check(sun, source).map(Some)
+    }
+
+    /// What cells hold; a fit where light is solved for in smaller ones.
+    fn stored(&self, transport: &TransportFile, source: &Source) -> Result<Stored, RecipeError> {
+        let Some(name) = self.stored.as_ref().filter(|name| *name.get_ref() == StoredName::Fit) else {
+            return Ok(Stored::Means);
+        };
+        if self.cells.is_none() && transport.refine.is_none() {
+            let wanted = "\"means\", or clouds.response.cells or clouds.transport.refine beside it: a fit is of light in smaller cells than \
+                          those that are stored";
+            return Err(source.error(name.span(), "clouds.response.stored", wanted, "\"fit\""));
+        }
+        Ok(Stored::Fit)
     }
 
     fn light_cells(&self, source: &Source) -> Result<Option<[u32; 3]>, RecipeError> {

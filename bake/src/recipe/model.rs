@@ -3,7 +3,7 @@
 use squall_formats::drops;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::density::Ranges;
-use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind};
+use squall_formats::section::response::{Codec, DirectTerm, DirectionalBasis, DistantKind, Stored};
 use squall_formats::section::streak::Method;
 use squall_formats::section::view::ViewSection;
 use squall_formats::units::{Degrees, Millimetres, MillimetresPerHour, Seconds};
@@ -199,6 +199,8 @@ pub struct ResponseSettings {
     pub view_region: Option<ViewRegion>,
     /// Solve cells per stored cell and axis.
     pub refine: u32,
+    /// What cells hold of light that was solved for in smaller ones: parts of them, or with `Fit` those that are shown.
+    pub stored: Stored,
     /// Direct rays per boundary face of the solve grid and axis.
     pub samples: u32,
     /// Levels of virtual lights between those of the light grid, each with half the distance of the one before, in and beside cloud alone.

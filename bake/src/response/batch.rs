@@ -3,7 +3,7 @@
 use super::cache::{JobCache, KeptRow};
 use super::directions::{add_direct, in_26_directions};
 use super::hidden::HiddenCells;
-use super::job::{HeldOutStroke, Job};
+use super::job::{HeldOutStroke, Job, SolveCells};
 use super::region::ViewRegionMap;
 use crate::error::BakeError;
 use crate::progress::Progress;
@@ -18,6 +18,7 @@ use squall_runtime::single_scatter::{self, DirectSettings};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::fit::HatFit;
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::solve::{BatchReport, GATHERED, Solvable, SolveBuffers, Solver};
 use std::sync::Arc;
@@ -60,6 +61,7 @@ pub(super) struct RowSolver<'a> {
     tracer: Tracer<'a>,
     solver: &'a Solver<4>,
     parent: CoarseIndex,
+    fit: Option<&'a HatFit>,
     haar: Haar,
     cloud: &'a Cloud,
     /// Cells that no light is stored for.
@@ -83,8 +85,9 @@ pub(super) struct Work<P> {
 }
 
 impl<'a> RowSolver<'a> {
-    pub(super) fn new(job: &Job<'a>, fine: &'a Cloud, solver: &'a Solver<4>) -> Self {
+    pub(super) fn new(job: &Job<'a>, cells: &'a SolveCells, solver: &'a Solver<4>) -> Self {
         let Job { cloud, settings, .. } = *job;
+        let fine = &cells.fine;
         let hidden =
             if settings.seen_only { HiddenCells::new(cloud, settings.view_region.as_ref()) } else { None };
         let seen = hidden.as_ref().map(HiddenCells::seen);
@@ -94,7 +97,8 @@ impl<'a> RowSolver<'a> {
             fine,
             tracer: Tracer::new(fine, solver.scaled().extinction_scale),
             solver,
-            parent: CoarseIndex::new(fine.shape, [settings.refine; 3]),
+            parent: CoarseIndex::new(fine.shape, cells.factors),
+            fit: cells.fit.as_ref(),
             haar: Haar::new(cloud.shape),
             cloud,
             view_region_map: match (settings.basis, &settings.view_region) {
@@ -186,23 +190,28 @@ impl<'a> RowSolver<'a> {
         Ok(report)
     }
 
-    /// J's harmonic coefficients of one lane's scattered light in the stored cells, 16 a cell.
-    fn coefficients<P: Lanes>(&self, lane: usize, work: &Work<P>) -> Vec<f32> {
+    /// The first `count` of J's harmonic coefficients of one lane's scattered light in the stored cells.
+    fn coefficients<P: Lanes>(&self, lane: usize, count: usize, work: &Work<P>) -> Vec<f32> {
         let powers = [1.0, self.fine.g, self.fine.g * self.fine.g, self.fine.g * self.fine.g * self.fine.g];
         let scale: [f32; MAX_HARMONICS] = std::array::from_fn(|m| powers[degree_of(m)] as f32);
-        let mut fine = Vec::with_capacity(work.gathered.len() * MAX_HARMONICS);
+        let mut fine = Vec::with_capacity(work.gathered.len() * count);
         for moments in &work.gathered {
-            fine.extend((0..MAX_HARMONICS).map(|m| moments[m].lane(lane) * scale[m]));
+            fine.extend((0..count).map(|m| moments[m].lane(lane) * scale[m]));
         }
-        if self.settings.refine == 1 { fine } else { self.parent.means(&fine, MAX_HARMONICS) }
+        match self.fit {
+            Some(fit) => fit.fit(&fine, count),
+            None if self.parent.coarse() == self.fine.shape => fine,
+            None => self.parent.means(&fine, count),
+        }
     }
 
     /// One lane's coefficients in the stored basis, one plane each.
     fn planes<P: Lanes>(&self, lane: usize, in_rows: bool, work: &Work<P>) -> Vec<f32> {
-        let coefficients = self.coefficients(lane, work);
-        let cells = coefficients.len() / MAX_HARMONICS;
         let basis = if self.view_region_map.is_some() { SOLVED } else { self.settings.basis };
         let count = basis.count();
+        let solved = if basis == DirectionalBasis::Directions26 { MAX_HARMONICS } else { count };
+        let coefficients = self.coefficients(lane, solved, work);
+        let cells = coefficients.len() / solved;
         let mut planes = vec![0.0f32; cells * count];
         let directions;
         let (values, stride): (&[f32], usize) = match basis {
@@ -211,7 +220,7 @@ impl<'a> RowSolver<'a> {
                 (&directions, 26)
             }
             DirectionalBasis::Harmonics { .. } | DirectionalBasis::ViewRegion { .. } => {
-                (&coefficients, MAX_HARMONICS)
+                (&coefficients, solved)
             }
         };
         for (cell, values) in values.chunks_exact(stride).enumerate() {
@@ -313,7 +322,7 @@ impl<'a> RowSolver<'a> {
                 }
                 let light = |l: &PointLight| Light::Point { position: l.position, intensity: l.intensity };
                 self.solve_lanes(&[lights.iter().map(light).collect()], true, work)?;
-                let mut truth = in_26_directions(&self.coefficients(0, work));
+                let mut truth = in_26_directions(&self.coefficients(0, MAX_HARMONICS, work));
                 let direct = std::mem::take(&mut work.towards[0]);
                 for (sum, value) in truth.iter_mut().zip(&direct) {
                     *sum += value;

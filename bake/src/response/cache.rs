@@ -10,7 +10,7 @@ mod store;
 use super::job::{HeldOutStroke, Job};
 use crate::output::sweep;
 use crate::provenance::tool;
-use squall_formats::section::response::DirectionalBasis;
+use squall_formats::section::response::{DirectionalBasis, Stored};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Boundary;
 use squall_runtime::transport::direct::Light;
@@ -276,6 +276,13 @@ fn common_hash(job: &Job<'_>) -> blake3::Hasher {
         Boundary::PeriodicXy => 1,
     }]);
     hasher.update(bytemuck::cast_slice(&cloud.extinction));
+    if let (Stored::Fit, Some(shown)) = (settings.stored, job.shown) {
+        for count in shown.shape.to_array() {
+            hasher.update(&(count as u64).to_le_bytes());
+        }
+        hasher.update(bytemuck::cast_slice(&shown.extinction));
+    }
+    hasher.update(&[settings.stored as u8]);
     let solve = &settings.solve;
     hasher.update(&match solve.quadrature {
         Quadrature::Lebedev14 => [14, 0, 0],

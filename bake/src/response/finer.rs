@@ -5,13 +5,14 @@
 //! nothing. Memory: per thread some sixty values a cell of the largest window and light of a batch, and the coded rows.
 
 use super::hidden::HiddenCells;
-use super::job::{HeldOutStroke, Job};
+use super::job::{HeldOutStroke, Job, SolveCells};
 use super::nodes::{Batch, Levels, batches, reach_m};
 use crate::compress::{CompressedRow, compress_row_at};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
+use squall_formats::GridShape;
 use squall_formats::haar::Haar;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::response::{
@@ -20,6 +21,7 @@ use squall_formats::section::response::{
 use squall_formats::sphere::degree_of;
 use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::fit::FitWindow;
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::solve::{GATHERED, SolveBuffers, Solver};
 use squall_runtime::transport::{Boundary, Cloud};
@@ -67,13 +69,14 @@ pub(super) fn bake_finer(
     let Some((grid, node_rows)) = baked.head.sources.light_grid() else { return Ok(()) };
     let with_rows = node_rows.iter().enumerate().filter(|(_, row)| **row != NO_ROW).map(|(node, _)| node);
     let mut levels = Levels::new(grid, with_rows);
+    let cells = SolveCells::new(job)?;
     for level in 1..=job.settings.finer {
         let (grid, nodes) = levels.next(job.cloud);
         let spacing_m = job.settings.spacing_m / f64::from(1u32 << level);
         let batches = batches(&levels, job.cloud, (&grid, &nodes), reach_m(job.cloud, spacing_m));
         progress.begin(&format!("virtual lights {spacing_m:.0} m apart"), nodes.len() as u64);
         let level_threshold = threshold * (1u32 << level) as f32;
-        let one = Level::new(job, &grid, level_threshold, baked)?;
+        let one = Level::new((job, &cells), &grid, level_threshold, baked)?;
         let mut finer = FinerLevel {
             first_row: baked.rows.rows.len() as u32,
             grid: grid.clone(),
@@ -123,6 +126,7 @@ fn check(job: &Job<'_>) -> Result<(), BakeError> {
 /// What the batches of one level have in common.
 struct Level<'a> {
     job: &'a Job<'a>,
+    cells: &'a SolveCells,
     seen: Option<Vec<bool>>,
     threshold: f32,
     /// Of each held-out stroke the share of each node.
@@ -139,7 +143,12 @@ struct Work {
 }
 
 impl<'a> Level<'a> {
-    fn new(job: &'a Job<'a>, grid: &LightGrid, threshold: f32, baked: &Baked<'_>) -> Result<Self, BakeError> {
+    fn new(
+        (job, cells): (&'a Job<'a>, &'a SolveCells),
+        grid: &LightGrid,
+        threshold: f32,
+        baked: &Baked<'_>,
+    ) -> Result<Self, BakeError> {
         let shares = |stroke: &HeldOutStroke| {
             let mut shares = BTreeMap::new();
             for light in stroke.lights.iter().filter(|_| !stroke.uncompressed.is_empty()) {
@@ -154,46 +163,58 @@ impl<'a> Level<'a> {
         let head = &*baked.head;
         Ok(Self {
             job,
+            cells,
             seen: head.seen.as_ref().map(|_| (0..head.shape.len()).map(|cell| head.sees(cell)).collect()),
             threshold,
             shares: baked.held_out.iter().map(shares).collect(),
         })
     }
 
-    /// The window's cells of a grid's values.
-    fn cut<T: Copy>(&self, window: &Window, values: &[T]) -> Vec<T> {
-        let shape = self.job.cloud.shape;
-        let [low_x, low_y, low_z] = window.low.map(|cell| cell as usize);
-        let [nx, ny, nz] = window.shape.to_array();
+    /// The window's cells of values of a grid of `factors` cells to a stored one.
+    fn cut<T: Copy>(&self, window: &Window, factors: [u32; 3], values: &[T]) -> Vec<T> {
+        let many = |count: usize, axis: usize| count * factors[axis] as usize;
+        let [sx, sy, _] = self.job.cloud.shape.to_array();
+        let shape = [many(sx, 0), many(sy, 1)];
+        let [low_x, low_y, low_z] = [0, 1, 2].map(|axis| many(window.low[axis] as usize, axis));
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| many(window.shape.to_array()[axis], axis));
         let row = |(z, y): (usize, usize)| {
-            let start = shape.index(low_x, low_y + y, low_z + z);
+            let start = low_x + shape[0] * (low_y + y + shape[1] * (low_z + z));
             &values[start..start + nx]
         };
         (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))).flat_map(row).copied().collect()
     }
 
-    fn cloud_in(&self, window: &Window) -> Cloud {
-        let cloud = self.job.cloud;
+    /// The solve cells of a window.
+    fn fine_in(&self, window: &Window) -> Cloud {
+        let (cloud, SolveCells { fine, factors, .. }) = (self.job.cloud, self.cells);
         let corner = [0, 1, 2].map(|axis: usize| f64::from(window.low[axis]) * cloud.cell_m[axis]);
+        let [nx, ny, nz] = [0, 1, 2].map(|axis: usize| window.shape.to_array()[axis] as u32 * factors[axis]);
         Cloud {
-            shape: window.shape,
+            shape: GridShape::new(nx, ny, nz),
+            cell_m: fine.cell_m,
             origin_m: cloud.origin_m + DVec3::from_array(corner),
-            extinction: self.cut(window, &cloud.extinction),
-            ..cloud.clone()
+            extinction: self.cut(window, *factors, &fine.extinction),
+            albedo: fine.albedo,
+            g: fine.g,
+            boundary: fine.boundary,
         }
     }
 
     fn solve(&self, batch: &Batch, work: &mut Work) -> Result<Done, BakeError> {
         let (settings, window) = (self.job.settings, &batch.window);
-        let cloud = self.cloud_in(window);
-        let fine = cloud.refined([settings.refine; 3])?;
-        let parent = CoarseIndex::new(fine.shape, [settings.refine; 3]);
-        let seen = self.seen.as_ref().map(|seen| self.cut(window, seen));
+        let fine = self.fine_in(window);
+        let seen = self.seen.as_ref().map(|seen| self.cut(window, [1; 3], seen));
         let mut solver = Solver::<4>::new(&fine, settings.solve)?;
         if let Some(seen) = &seen {
-            let fine_seen: Vec<bool> = (0..fine.shape.len()).map(|cell| seen[parent.of(cell)]).collect();
-            solver = solver.read_in(&fine, &fine_seen);
+            let parent = CoarseIndex::new(fine.shape, self.cells.factors);
+            let mut read = self.cut(window, self.cells.factors, &self.cells.read);
+            read.iter_mut().enumerate().for_each(|(cell, read)| *read &= seen[parent.of(cell)]);
+            solver = solver.read_in(&fine, &read);
         }
+        let fit = self.cells.fit.as_ref().map(|fit| {
+            let low = window.low.map(|cell| cell as usize);
+            fit.within(low, window.shape)
+        });
         self.trace(&fine, solver.scaled().extinction_scale, batch, work);
         let report = solver.solve(&work.sources, &mut work.gathered, &mut work.buffers, None);
         if let Some(at) = report.lanes.iter().position(|lane| !lane.converged) {
@@ -215,7 +236,7 @@ impl<'a> Level<'a> {
             sweeps: report.sweeps,
         };
         for (lane, &node) in batch.nodes.iter().enumerate() {
-            let mut planes = self.planes(lane, &fine, &parent, work);
+            let mut planes = self.planes(lane, &fine, fit.as_ref(), work);
             let grids = |planes: &mut Vec<f32>, each: &mut dyn FnMut(&mut [f32])| {
                 planes.chunks_exact_mut(window.shape.len()).for_each(each);
             };
@@ -273,14 +294,17 @@ impl<'a> Level<'a> {
     }
 
     /// One lane's coefficients, one plane of the window's cells each.
-    fn planes(&self, lane: usize, fine: &Cloud, parent: &CoarseIndex, work: &Work) -> Vec<f32> {
+    fn planes(&self, lane: usize, fine: &Cloud, fit: Option<&FitWindow<'_>>, work: &Work) -> Vec<f32> {
         let (count, g) = (self.job.settings.basis.count(), fine.g);
         let powers = [1.0, g, g * g, g * g * g];
         let mut values = Vec::with_capacity(work.gathered.len() * count);
         for moments in &work.gathered {
             values.extend((0..count).map(|m| moments[m].lane(lane) * powers[degree_of(m)] as f32));
         }
-        let means = parent.means(&values, count);
+        let means = match fit {
+            Some(fit) => fit.fit(&values, count),
+            None => CoarseIndex::new(fine.shape, self.cells.factors).means(&values, count),
+        };
         let cells = means.len() / count;
         let mut planes = vec![0.0; means.len()];
         for (cell, row) in means.chunks_exact(count).enumerate() {

@@ -2,10 +2,13 @@
 
 use super::cache::ResponseCache;
 use super::grid::WantedLights;
+use crate::error::BakeError;
 use crate::recipe::model::ResponseSettings;
-use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows, SunDirections};
+use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows, Stored, SunDirections};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::Cloud;
+use squall_runtime::transport::cloud::CoarseIndex;
+use squall_runtime::transport::fit::{HatFit, weights};
 use std::sync::Arc;
 
 /// What to bake rows for.
@@ -33,8 +36,44 @@ pub struct Job<'a> {
     /// `held_out` with its truth where an earlier job solved for it: it depends on the cloud and on how light is solved, not on
     /// sources, basis or coding.
     pub known: Option<&'a [HeldOutStroke]>,
+    /// The cells that are shown, where `cloud` is blocks of them: with [`Stored::Fit`] light is solved for in these (or their parts) and fitted
+    /// to `cloud`'s. Without it that is not asked for.
+    pub shown: Option<&'a Cloud>,
     /// Where rows and strokes may have been solved before.
     pub cache: Option<&'a ResponseCache>,
+}
+
+/// The cells that light is solved for in, and how those become the stored ones.
+pub(super) struct SolveCells {
+    /// The solve grid.
+    pub(super) fine: Cloud,
+    /// Its cells to a stored one.
+    pub(super) factors: [u32; 3],
+    /// What fits it; means where `None`.
+    pub(super) fit: Option<HatFit>,
+    /// Solve cells whose light is read.
+    pub(super) read: Vec<bool>,
+}
+
+impl SolveCells {
+    /// Those of `job`.
+    ///
+    /// Errors: more cells than a grid can have, a grid that `job`'s is no blocks of.
+    pub(super) fn new(job: &Job<'_>) -> Result<Self, BakeError> {
+        let (cloud, settings) = (job.cloud, job.settings);
+        let own = job.shown.filter(|_| settings.stored == Stored::Fit).unwrap_or(cloud);
+        let fine = own.refined([settings.refine; 3])?;
+        let size = |axis: usize| (fine.shape.to_array()[axis] / cloud.shape.to_array()[axis]) as u32;
+        let factors = [0, 1, 2].map(size);
+        if settings.stored == Stored::Means || factors == [1; 3] {
+            let (shaded, parent) = (cloud.shaded(), CoarseIndex::new(fine.shape, factors));
+            let read = (0..fine.shape.len()).map(|cell| shaded[parent.of(cell)]).collect();
+            return Ok(Self { fine, factors, fit: None, read });
+        }
+        let fit = HatFit::new(&fine, factors, weights(&fine, settings.view_region.as_ref()))?;
+        let read = fit.weights().iter().map(|&weight| weight > 0.0).collect();
+        Ok(Self { fine, factors, fit: Some(fit), read })
+    }
 }
 
 /// A stroke that no row was baked for, with its truth.

@@ -1,10 +1,10 @@
 //! The order of a response's rows, and the batches that they are solved in.
 
-use super::job::{Job, Sources};
+use super::job::{Job, SolveCells, Sources};
 use crate::error::BakeError;
 use glam::DVec3;
 use squall_formats::section::response::{
-    DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis, pack_seen,
+    DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis, Stored, pack_seen,
 };
 use squall_runtime::transport::direct::Light;
 use squall_runtime::transport::quadrature::Quadrature;
@@ -57,7 +57,11 @@ fn wanted_nodes(sources: &Sources) -> impl Iterator<Item = usize> {
 
 /// The head of a job's section before anything is solved: rows are numbered, what solving finds is still zero. `seen` are the
 /// cells that are stored; all where `None`.
-pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[bool]>) -> ResponseHead {
+pub(super) fn planned_head(
+    (job, cells): (&Job<'_>, &SolveCells),
+    extinction_scale: f64,
+    seen: Option<&[bool]>,
+) -> ResponseHead {
     let (sources, settings) = (job.sources, job.settings);
     let grid = &sources.lights;
     let mut node_rows = vec![NO_ROW; grid.len()];
@@ -74,7 +78,7 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
         direct: settings.direct,
         codec: settings.codec,
         solver: SolverRecord {
-            refine: [settings.refine; 3],
+            refine: cells.factors,
             directions: directions_record(settings.solve.quadrature),
             scheme: settings.solve.scheme,
             extinction_scale,
@@ -86,6 +90,7 @@ pub(super) fn planned_head(job: &Job<'_>, extinction_scale: f64, seen: Option<&[
         seen: seen.map(pack_seen),
         sun: sources.sun.clone(),
         entropy: None,
+        stored: if cells.fit.is_some() { Stored::Fit } else { Stored::Means },
         finer: Vec::new(),
     }
 }

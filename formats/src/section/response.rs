@@ -1,4 +1,4 @@
-//! `CLRT` v4: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
+//! `CLRT` v5: what a cloud does with the light of virtual sources. Bytes: SPEC.md, "CLRT".
 //!
 //! A row belongs to one virtual source and holds, per coefficient of a directional basis, the Haar transform of the cloud's
 //! answer to a source of unit strength: of in-scattered radiance J ([`crate::basis`]). Rows are contiguous and found through
@@ -14,7 +14,7 @@ pub use crate::basis::DirectionalBasis;
 pub use entropy::EntropyRecord;
 pub use finer::{FinerLevel, MOST_LEVELS, Window};
 pub use head::{
-    Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis,
+    Codec, DirectTerm, DistantKind, DistantSource, NO_ROW, ResponseHead, SolverRecord, SourceBasis, Stored,
     SweepScheme, pack_seen,
 };
 pub use stream::{
@@ -81,8 +81,8 @@ impl<'a> ResponseSection<'a> {
     /// The section's tag.
     pub const TAG: Tag = head::TAG;
     /// The newest version that this build reads. It writes the oldest that can say what there is to say: 2, 3 with a sun or with light
-    /// on blocks of cells, 4 with finer levels of virtual lights or codec `Entropy`.
-    pub const VERSION: u16 = 4;
+    /// on blocks of cells, 4 with finer levels of virtual lights or codec `Entropy`, 5 with fitted light.
+    pub const VERSION: u16 = 5;
 
     /// Reads head, index and bounds, and views the rows; those are bulk, each with a checksum of its own.
     pub fn read(bytes: &'a [u8], version: u16, limits: &Limits) -> Result<Self, ReadError> {

@@ -118,6 +118,7 @@ pub fn response(u: &mut Unstructured<'_>, cloud: &CloudHead) -> Result<OutSectio
         },
         sun: None,
         entropy: None,
+        stored: Default::default(),
         finer: Vec::new(),
     };
     let rows: Vec<Vec<u8>> =

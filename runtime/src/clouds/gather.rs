@@ -10,7 +10,7 @@ use crate::{
     parallel::prelude::*,
     relight::{PointLight, Relighter},
     shade::cloud::{corners, density::distances},
-    single_scatter::{DirectSettings, direct_moments},
+    single_scatter::{DirectSettings, WantedCells, add_direct_moments},
     transport::cloud::CoarseIndex,
     transport::gather::GatherBuffers,
 };
@@ -97,6 +97,8 @@ pub(super) struct Gatherer {
     distances: Vec<u8>,
     coarse: Option<Coarse>,
     buffers: GatherBuffers,
+    /// Cells whose direct light is scattered on; for coarse solves those beside cloud too, which larger cells are means of.
+    wanted: [WantedCells; 2],
     /// The cloud's cells whose light is read.
     read: Vec<bool>,
 }
@@ -120,8 +122,11 @@ impl Gatherer {
         read.iter_mut().zip(cloud.shaded()).for_each(|(read, shaded)| *read |= shaded);
         let once = |record: &SolverRecord| SolverRecord { refine: [1; 3], ..record.clone() };
         // Cells that rows hold light for in blocks are finer than the rows' own.
-        let own = if relighter.is_coarse() { once(record) } else { record.clone() };
-        let solver = LiveSolver::new(cloud, &own)?.read_in(&read);
+        let solver = match relighter.is_coarse() {
+            true => LiveSolver::new(cloud, &once(record))?,
+            false => super::solve::solver_of(relighter)?,
+        };
+        let solver = solver.read_in(&read);
         let fine = solver.solve_grid();
         let distances = distances(fine.shape, fine.extinction.iter().map(|&value| value > 0.0));
         let counts = rows.shape.to_array();
@@ -138,13 +143,20 @@ impl Gatherer {
             let solver = LiveSolver::new(&large, &once(record))?.read_in(&shaded);
             Some(Coarse { solver, index: CoarseIndex::new(fine.shape, down) })
         };
-        Ok(Self { solver, distances, coarse, buffers: GatherBuffers::default(), read })
+        let wanted = [0, 1].map(|farthest| WantedCells::new(&distances, farthest));
+        Ok(Self { solver, distances, coarse, buffers: GatherBuffers::default(), wanted, read })
     }
 
-    /// Direct light's moments on the fine solve grid.
-    fn direct(&self, lights: &[PointLight], settings: DirectSettings) -> Vec<[f32; 4]> {
+    /// Adds direct light's moments on the fine solve grid, in cells up to `farthest` steps from cloud.
+    fn add_direct(
+        &self,
+        lights: &[PointLight],
+        settings: DirectSettings,
+        farthest: usize,
+        moments: &mut [[f32; 4]],
+    ) {
         let near = (self.solver.solve_grid(), self.solver.extinction_scale(), &self.distances[..]);
-        direct_moments(near, lights, settings)
+        add_direct_moments(near, &self.wanted[farthest], lights, settings, moments);
     }
 }
 
@@ -182,15 +194,12 @@ impl Clouds {
             Some(gatherer) => gatherer,
             None => Gatherer::new(&self.relighter, self.quality.live_cells)?,
         };
-        let settings = DirectSettings { rays: self.rays, ..DirectSettings::default() };
-        let mut direct = gatherer.direct(outside, settings);
+        let settings = DirectSettings { rays: self.rays.for_gathers(), ..DirectSettings::default() };
+        let mut direct = vec![[0.0; 4]; gatherer.solver.solve_grid().shape.len()];
+        gatherer.add_direct(outside, settings, usize::from(coarsely), &mut direct);
         let solved = if coarsely { self.solve_coarsely(&gatherer, &direct, watch, light) } else { Ok(()) };
         if solved.is_ok() && self.gathers() {
-            if !inside.is_empty() {
-                let more = gatherer.direct(inside, settings);
-                let sums = direct.as_flattened_mut().iter_mut();
-                sums.zip(more.as_flattened()).for_each(|(sum, value)| *sum += value);
-            }
+            gatherer.add_direct(inside, settings, 0, &mut direct);
             self.gather(&mut gatherer, &direct, light);
         }
         self.gatherer = Some(gatherer);
@@ -218,7 +227,8 @@ impl Clouds {
         light.live = match coarse {
             Some(coarse) => {
                 let rows = self.relighter.light_cloud();
-                spread(coarse.solver.solve_grid(), &live.coefficients, rows, &rows.shaded())
+                let from = (coarse.solver.solve_grid(), &live.coefficients[..]);
+                spread::<MAX_HARMONICS>(from, (rows, &rows.shaded())).into_flattened()
             }
             None => live.coefficients,
         };
@@ -231,11 +241,21 @@ impl Clouds {
         let mut all = std::mem::take(&mut light.live);
         all.resize(rows.shape.len() * MAX_HARMONICS, 0.0);
         add_rows(light, &mut all);
-        if self.relighter.is_coarse() {
-            all = spread(rows, &all, self.relighter.cloud(), &gatherer.read);
-        }
         let Gatherer { solver, buffers, read, .. } = gatherer;
-        light.gathered = Some(solver.gather(direct, self.quality.gathers, &mut all, buffers));
+        let gathers = self.quality.gathers;
+        light.gathered = Some(match self.relighter.is_coarse() {
+            false => solver.gather(direct, gathers, &mut all, buffers),
+            true => {
+                let cloud = self.relighter.cloud();
+                // What is scattered on has no more than degree 1.
+                let start: Vec<[f32; 4]> = spread((rows, &all), (cloud, read));
+                let report = solver.gather_from((direct, &start), gathers, &mut all, buffers);
+                if report.sweeps == 0 {
+                    all = spread::<MAX_HARMONICS>((rows, &all), (cloud, read)).into_flattened();
+                }
+                report
+            }
+        });
         light.live = all;
         light.basis = DirectionalBasis::Harmonics { degree: 0 };
         light.planes = vec![0.0; read.len()];
@@ -298,20 +318,18 @@ fn add_rows(light: &CloudLight, coefficients: &mut [f32]) {
     }
 }
 
-/// Coefficients of a coarse grid's cells, read between their middles in those of `cloud`'s that are read.
+/// The first `N` coefficients of a coarse grid's cells, which hold 16, read between their middles in those of `cloud`'s that are read.
 #[cfg(feature = "live")]
-fn spread(
-    coarse: &crate::transport::Cloud,
-    coefficients: &[f32],
-    cloud: &crate::transport::Cloud,
-    read: &[bool],
-) -> Vec<f32> {
+fn spread<const N: usize>(
+    (coarse, coefficients): (&crate::transport::Cloud, &[f32]),
+    (cloud, read): (&crate::transport::Cloud, &[bool]),
+) -> Vec<[f32; N]> {
     /// Cells that one thread takes at a time.
     const AT_ONCE: usize = 4096;
     let from = coefficients.as_chunks::<MAX_HARMONICS>().0;
-    let mut out = vec![0.0f32; cloud.shape.len() * MAX_HARMONICS];
-    out.par_chunks_mut(AT_ONCE * MAX_HARMONICS).enumerate().for_each(|(number, values)| {
-        for (at, to) in values.as_chunks_mut::<MAX_HARMONICS>().0.iter_mut().enumerate() {
+    let mut out = vec![[0.0f32; N]; cloud.shape.len()];
+    out.par_chunks_mut(AT_ONCE).enumerate().for_each(|(number, values)| {
+        for (at, to) in values.iter_mut().enumerate() {
             let cell = number * AT_ONCE + at;
             if !read[cell] {
                 continue;

@@ -6,8 +6,9 @@ use crate::in_scattered::InScattered;
 use crate::relight::{PointLight, Relighter, Relit};
 use crate::single_scatter::{DirectRays, DirectSettings, add_direct, add_direct_fluence, add_direct_near};
 use crate::transport::Cloud;
+use crate::transport::fit::mean_of_reading;
 use glam::DVec3;
-use squall_formats::section::response::DirectionalBasis;
+use squall_formats::section::response::{DirectionalBasis, Stored};
 use std::sync::Arc;
 
 /// Rays that direct light's fluence is made of, over all lights, and of one light at least and at most.
@@ -119,6 +120,21 @@ impl CloudLight {
         self.cells().shape != self.relighter.cloud().shape
     }
 
+    /// Whether cells hold light that was fitted to be read between their middles, and not its means.
+    fn holds_fits(&self) -> bool {
+        let in_rows = self.relighter.response().head.stored == Stored::Fit;
+        #[cfg(feature = "live")]
+        return in_rows && !(self.gathered.is_some() && self.relighter.is_coarse());
+        #[cfg(not(feature = "live"))]
+        in_rows
+    }
+
+    /// Means over cells of what [`CloudLight::cells`] hold, `width` values each.
+    fn means(&self, values: &[f32], width: usize) -> Vec<f32> {
+        let refine = self.relighter.response().head.solver.refine;
+        mean_of_reading(self.cells(), refine, values, width)
+    }
+
     /// The same light on the rows' grid, as means over its cells.
     #[cfg(feature = "live")]
     #[doc(hidden)]
@@ -127,13 +143,18 @@ impl CloudLight {
         let (rows, cells) = (self.relighter.light_cloud().shape, self.cells().shape);
         let down = [0, 1, 2].map(|axis: usize| (cells.to_array()[axis] / rows.to_array()[axis]) as u32);
         let index = crate::transport::cloud::CoarseIndex::new(cells, down);
-        let plane = |plane: &[f32]| index.means(plane, 1);
+        let fits = self.holds_fits();
+        let means = |values: &[f32], width: usize| match fits {
+            true => self.means(values, width),
+            false => index.means(values, width),
+        };
+        let plane = |plane: &[f32]| means(plane, 1);
         Self {
             relighter: self.relighter.clone(),
             basis: self.basis,
             planes: self.planes.chunks_exact(cells.len()).flat_map(plane).collect(),
             direct: self.direct.clone(),
-            live: if self.live.is_empty() { Vec::new() } else { index.means(&self.live, 16) },
+            live: if self.live.is_empty() { Vec::new() } else { means(&self.live, 16) },
             live_report: self.live_report,
             gathered: None,
             lights: self.lights,
@@ -217,6 +238,8 @@ impl CloudLight {
         if self.is_coarse() {
             let scattered = std::mem::replace(&mut spread, vec![0.0; out.len()]);
             relighter.spread(&scattered, &mut spread);
+        } else if self.holds_fits() {
+            spread = self.means(&spread, 1);
         }
         let known = relighter.known_cells();
         for (cell, value) in out.iter_mut().enumerate() {

@@ -6,6 +6,7 @@ use crate::live::LiveSolver;
 use crate::relight::{PointLight, Relighter};
 use crate::transport::direct::Light;
 use glam::DVec3;
+use squall_formats::section::response::Stored;
 use std::collections::BTreeMap;
 
 /// Points above which their own light is traced with fewer rays each: what one misses the others see.
@@ -19,9 +20,16 @@ pub(super) fn samples_of(relighter: &Relighter, lights: usize) -> u32 {
     if lights <= MANY_LIGHTS { fine } else { fine.min(2) }
 }
 
-/// A solver with the rows' discretisation. Errors: no solver can follow their record.
-pub(super) fn solver_of(relighter: &Relighter) -> Result<LiveSolver, RuntimeError> {
-    Ok(LiveSolver::new(relighter.light_cloud(), &relighter.response().head.solver)?)
+/// A solver with the rows' discretisation, whose light comes out as theirs is stored. Errors: no solver can follow their record.
+pub(crate) fn solver_of(relighter: &Relighter) -> Result<LiveSolver, RuntimeError> {
+    let head = &relighter.response().head;
+    Ok(match head.stored {
+        Stored::Means => LiveSolver::new(relighter.light_cloud(), &head.solver)?,
+        Stored::Fit => {
+            let cells = (relighter.light_cloud(), relighter.cloud());
+            LiveSolver::fitted(cells, &head.solver, relighter.view_region())?
+        }
+    })
 }
 
 /// J's harmonic coefficients per cell of what `lights` scatter, beyond their direct light.

@@ -166,6 +166,11 @@ impl RainMap {
         MillimetresPerHour(self.heaviest.0 * libm::pow(self.share(place), -1.0 / (3.0 * SLOPE_POWER)))
     }
 
+    /// The edge of its cells, m.
+    pub(crate) fn cell(&self) -> f64 {
+        self.cell
+    }
+
     /// Its lowest corner, the edge of its cells, and how many they are.
     pub(super) fn cells(&self) -> (DVec2, f64, [usize; 2]) {
         (self.origin, self.cell, self.size)

@@ -111,7 +111,7 @@ impl Scene {
             _ => InScattering::dark(phase),
         };
         let drops = shown_by(&frame.medium.drop_phase());
-        let field = self.rain_place.field(frame);
+        let field = self.rain_place.standing_field(frame);
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
         let dry = self.dry_air(frame, &field, memory.dry.take())?;
@@ -128,13 +128,7 @@ impl Scene {
             );
         }
         watch.lap(&mut report.times.town);
-        // The sun itself is no part of the sky's radiance: mirrors and drops have it as a light of its own.
-        let disc = |x: usize, y: usize, ray: &Ray| {
-            let disc = sky.disc_in_pixel(camera, x, y);
-            let cloud = cloud.as_ref().filter(|_| disc != [0.0; 3]);
-            let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
-            disc.map(|value| value * open)
-        };
+        let disc = |x: usize, y: usize, ray: &Ray| disc_behind((sky, cloud.as_ref()), camera, [x, y], ray);
         self.compose(
             (camera, frame.quality.sky),
             sky,
@@ -226,8 +220,7 @@ impl Scene {
             sun,
             rain: wet,
         };
-        let has_map = self.rain_place.map_of(frame).is_some();
-        out.render(town, (frame, has_map), flashes, lighting);
+        out.render(town, (frame, self.rain_place.standing_drift(frame)), flashes, lighting);
     }
 
     /// The rain's medium over the picture, channels in front of it, streaks in front of those.
@@ -279,6 +272,7 @@ impl Scene {
             has_depth: town.is_some(),
             before,
             around,
+            sky: sky.mean_radiance(),
             drops,
         };
         let medium = rain::medium(&task, in_rain, memory)?;
@@ -369,6 +363,19 @@ impl Scene {
         };
         picture.pixels.par_chunks_mut(width).enumerate().for_each(row);
     }
+}
+
+/// The sun's disc in a pixel, behind the cloud. It is no part of the sky's radiance: mirrors and drops have it as a light of its own.
+fn disc_behind(
+    (sky, cloud): (&Sky, Option<&CloudPicture<'_>>),
+    camera: &Camera,
+    [x, y]: [usize; 2],
+    ray: &Ray,
+) -> [f32; 3] {
+    let disc = sky.disc_in_pixel(camera, x, y);
+    let cloud = cloud.filter(|_| disc != [0.0; 3]);
+    let open = cloud.map_or(1.0, |cloud| cloud.march(ray).transmittance);
+    disc.map(|value| value * open)
 }
 
 /// The cloud as one frame marches it.

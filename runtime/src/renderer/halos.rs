@@ -9,6 +9,7 @@
 //! A halo is smooth but where its light stands: it is worked out at the corners of tiles ([`tiles`]), for as many depths as the
 //! tile's things need, and lies between them where the tile's middle agrees with that; elsewhere it is worked out pixel by pixel.
 
+pub(crate) mod kept;
 mod tiles;
 #[cfg(feature = "gpu")]
 mod upload;
@@ -16,16 +17,16 @@ mod upload;
 use super::lit_stroke::LitStroke;
 use crate::airlight::{Airlight, PointBeside};
 use crate::camera::{Camera, Ray};
+use crate::frame::FrameQuality;
 use crate::medium::{Medium, Phase};
 use crate::picture::Picture;
 use crate::point_spread::PointSpread;
 use crate::rain::RainPath;
+use crate::shade::adaptive::Spacing;
 use crate::shade::town::Town;
 use glam::DVec3;
 use squall_formats::section::town::StreetLamp;
 
-/// A light that adds less than this share of a pixel leaves no halo there.
-const LEAST: f32 = 1e-4;
 /// Radius of a lamp's glass, m.
 const LAMP_RADIUS_M: f64 = 0.15;
 /// Optical depth behind which nothing comes to the eye: e^−30 is 10^−13.
@@ -86,6 +87,9 @@ pub struct Halos<'a> {
     walls: Option<&'a Town>,
     /// The field under covers, as the eye sees it.
     covered: Option<&'a dyn RainPath>,
+    fineness: tiles::Fineness,
+    /// Light that stands behind the halos at least.
+    behind: [f32; 3],
     lights: Vec<Halo>,
 }
 
@@ -98,6 +102,8 @@ impl<'a> Halos<'a> {
             field,
             walls: None,
             covered: None,
+            fineness: FrameQuality::STILL.halos.into(),
+            behind: [0.0; 3],
             lights: Vec::new(),
         }
     }
@@ -112,6 +118,18 @@ impl<'a> Halos<'a> {
     #[must_use]
     pub fn under(self, covered: &'a dyn RainPath) -> Self {
         Self { covered: covered.has_covers().then_some(covered), ..self }
+    }
+
+    /// The same looked at as finely as a frame wants it.
+    #[must_use]
+    pub fn with_spacing(self, spacing: Spacing) -> Self {
+        Self { fineness: spacing.into(), ..self }
+    }
+
+    /// The same before pixels of so much light at least, whatever their picture has: halos that are kept for other pictures.
+    #[must_use]
+    pub fn before(self, behind: [f32; 3]) -> Self {
+        Self { behind, ..self }
     }
 
     fn add(&mut self, shape: Shape, intensity: [f32; 3], extinction: f64, distance: f64) {
@@ -195,7 +213,7 @@ impl<'a> Halos<'a> {
         end: f64,
         pixel: [f32; 3],
     ) -> [f32; 3] {
-        let least = f64::from(LEAST * (pixel[0] + pixel[1] + pixel[2]));
+        let least = f64::from(self.fineness.least * (pixel[0] + pixel[1] + pixel[2]));
         // Where something keeps rain off before the ray's end.
         let dry = self.covered.filter(|covered| covered.is_dry_before(ray.direction.as_vec3(), end as f32));
         let is_partial = self.walls.is_some() || dry.is_some();
@@ -229,7 +247,10 @@ impl<'a> Halos<'a> {
                                 .map_or(1.0, |town| f64::from(town.lamp_reaches(*number, place.as_vec3())))
                         };
                         let seen = match is_partial {
-                            true => once.of_point_past(*extinction, &beside, whole, &reaches),
+                            true => {
+                                let pieces = self.fineness.pieces;
+                                once.of_point_past(*extinction, &beside, whole, (&reaches, pieces))
+                            }
                             false => whole,
                         };
                         let [total, left] = [whole, seen].map(|light| light[0] + light[1] + light[2]);

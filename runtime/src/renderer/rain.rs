@@ -39,9 +39,14 @@ pub struct Task<'a> {
     pub before: Option<&'a super::foreground::Pixels>,
     /// Mean radiance of the whole sphere, the sun left out.
     pub around: [f32; 3],
+    /// That of the sky alone, without cloud and flashes.
+    pub sky: [f32; 3],
     /// What a drop shows of the world and of the flashes.
     pub drops: &'a InScattering,
 }
+
+/// Share of its cell by which a map of rain moves at once under light that is kept.
+const STANDING: f64 = 1.0 / 16.0;
 
 /// Where an asset's rain is.
 #[derive(Default)]
@@ -76,6 +81,24 @@ impl Place {
         let (weather, place) = (&frame.weather, &frame.place);
         let field = RainField::from(weather.volume).with_farthest(place.farthest.or(self.farthest));
         self.map_of(frame).map_or(field, |map| field.with_map(map, weather.drift, frame.camera.position))
+    }
+
+    /// Where the map of the frame's rain stands for light that is kept from frame to frame: at the nearest of places a sixteenth of its
+    /// cell apart, so that the wind moves it now and then and not with every frame. Zero without a map.
+    pub fn standing_drift(&self, frame: &Frame) -> DVec3 {
+        self.map_of(frame).map_or(DVec3::ZERO, |map| {
+            let step = STANDING * map.cell();
+            let drift = frame.weather.drift;
+            DVec3::new(libm::rint(drift.x / step) * step, libm::rint(drift.y / step) * step, drift.z)
+        })
+    }
+
+    /// [`Place::field`] with the map where [`Place::standing_drift`] says.
+    pub fn standing_field<'a>(&'a self, frame: &'a Frame) -> RainField<'a> {
+        let field =
+            RainField::from(frame.weather.volume).with_farthest(frame.place.farthest.or(self.farthest));
+        let drift = self.standing_drift(frame);
+        self.map_of(frame).map_or(field, |map| field.with_map(map, drift, frame.camera.position))
     }
 }
 
@@ -255,8 +278,33 @@ pub fn medium<'a>(
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
     let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
-    let mut halos = Halos::new(&spreading, &medium, &field).with_walls(task.town).under(&covered);
-    halos.add_lamps(task.lamps, eye);
+    let lamps = halos::kept::Lamps {
+        frame: task.frame,
+        lamps: task.lamps,
+        walls: task.town,
+        metres: &memory.metres,
+        sky: task.sky,
+        drift: task.place.standing_drift(task.frame),
+    };
+    memory.lamp_halos = lamps.draw(memory.lamp_halos.take(), &mut memory.picture, |dark, own| {
+        // All of it where the map stands for light that is kept.
+        let standing = task.place.standing_field(task.frame);
+        let rate = standing.rate(weather.rate);
+        let medium = task.frame.medium.medium(task.section, &shot_of(task.frame), rate)?;
+        let fall = fall_of(task.section, (task.frame, &standing))?;
+        let covers = covers_of(task.town, &task.frame.place);
+        let covered = CoveredRain::new(RainFan::new(standing, camera), covers, fall, camera);
+        let mut halos = Halos::new(&spreading, &medium, &standing)
+            .with_walls(task.town)
+            .with_spacing(task.frame.quality.halos)
+            .under(&covered)
+            .before(dark);
+        halos.add_lamps(task.lamps, eye);
+        halos.draw(camera, &memory.metres, own);
+        Ok(())
+    })?;
+    let mut halos =
+        Halos::new(&spreading, &medium, &field).with_spacing(task.frame.quality.halos).under(&covered);
     task.flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
     halos.draw(camera, &memory.metres, &mut memory.picture);
     memory.spreading = Some(spreading);

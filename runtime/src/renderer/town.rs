@@ -30,9 +30,14 @@ pub(super) struct MadeFor {
 }
 
 impl MadeFor {
+    #[cfg(any(test, feature = "gpu"))]
     pub fn of(frame: &Frame, has_map: bool) -> Self {
+        Self::under(frame, if has_map { frame.weather.drift } else { DVec3::ZERO })
+    }
+
+    /// The same with the frame's map of rain where `drift` puts it; zero without one.
+    pub fn under(frame: &Frame, drift: DVec3) -> Self {
         let weather = &frame.weather;
-        let drift = if has_map { weather.drift } else { DVec3::ZERO };
         let moved = [drift, weather.wind];
         let rain = (weather.rate, frame.medium.clone(), weather.volume, frame.place.clone(), moved);
         Self {
@@ -58,15 +63,15 @@ impl Kept {
         &self.frame
     }
 
-    /// Renders the town in `lighting` and the light of `flashes`; `has_map` says whether the frame's rain has a map.
+    /// Renders the town in `lighting` and the light of `flashes`; `drift` is where the frame's map of rain stands.
     pub fn render(
         &mut self,
         town: &Town,
-        (frame, has_map): (&Frame, bool),
+        (frame, drift): (&Frame, DVec3),
         flashes: &[LitStroke],
         lighting: Lighting<'_>,
     ) {
-        let key = MadeFor::of(frame, has_map);
+        let key = MadeFor::under(frame, drift);
         if self.made_for.as_ref() != Some(&key) {
             self.strokes.clear();
             self.made_for = Some(key);

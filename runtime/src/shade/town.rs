@@ -19,7 +19,7 @@ mod shelter;
 #[cfg(feature = "gpu")]
 pub(crate) mod upload;
 
-use boxes::Boxes;
+use boxes::{BoxHit, Boxes};
 use facade::Wall;
 use glam::{Vec2, Vec3};
 use ground::Material;
@@ -80,7 +80,7 @@ pub struct Town {
     material: Material,
     lamps: Vec<StreetLamp>,
     lanes: lamps::LampLanes,
-    reaches: OnceLock<Vec<lamps::LampReach>>,
+    reaches: Vec<OnceLock<lamps::LampReach>>,
 }
 
 /// Rays start this far off a surface, relative to their distance from the origin, so as not to meet it again.
@@ -100,7 +100,7 @@ impl Town {
             material: Material::new(&section.ground),
             lamps: section.lamps.clone(),
             lanes: lamps::LampLanes::new(&section.lamps),
-            reaches: OnceLock::new(),
+            reaches: section.lamps.iter().map(|_| OnceLock::new()).collect(),
         }
     }
 
@@ -111,6 +111,16 @@ impl Town {
 
     /// The first thing along a ray from `origin` (m) in unit `direction`, nearer than `limit` m.
     pub fn trace(&self, origin: Vec3, direction: Vec3, limit: f32) -> Option<Hit> {
+        let boxes = |limit: f32| self.boxes.meet(origin, direction, limit);
+        Self::first_of(self.hills.as_ref(), boxes, (origin, direction, limit))
+    }
+
+    /// What a ray meets first of the ground, these hills and the boxes that `boxes` finds nearer than a limit.
+    fn first_of(
+        hills: Option<&Hills>,
+        boxes: impl FnOnce(f32) -> Option<BoxHit>,
+        (origin, direction, limit): (Vec3, Vec3, f32),
+    ) -> Option<Hit> {
         let mut found = None;
         let mut nearest = limit;
         if direction.z < 0.0 && origin.z > 0.0 {
@@ -119,12 +129,10 @@ impl Town {
                 (nearest, found) = (distance, Some((Vec3::Z, Thing::Ground)));
             }
         }
-        if let Some((distance, normal)) =
-            self.hills.as_ref().and_then(|hills| hills.meet(origin, direction, nearest))
-        {
+        if let Some((distance, normal)) = hills.and_then(|hills| hills.meet(origin, direction, nearest)) {
             (nearest, found) = (distance, Some((normal, Thing::Hill)));
         }
-        if let Some(hit) = self.boxes.meet(origin, direction, nearest) {
+        if let Some(hit) = boxes(nearest) {
             (nearest, found) =
                 (hit.distance, Some((hit.normal, Thing::Block(hit.block, hit.wall, hit.on_wall))));
         }
@@ -247,7 +255,8 @@ pub(crate) mod tests {
             self.blocks.extend_from_slice(more);
             self.boxes = Boxes::new(&self.blocks);
             self.lanes = lamps::LampLanes::new(&lamps);
-            Self { lamps, reaches: OnceLock::new(), ..self }
+            let reaches = lamps.iter().map(|_| OnceLock::new()).collect();
+            Self { lamps, reaches, ..self }
         }
     }
 

@@ -27,6 +27,17 @@ impl DirectRays {
     /// A preview's.
     pub const PREVIEW: Self = Self::PerStroke(1 << 14);
 
+    /// Rays for what transport sweeps scatter on, an eighth of a picture's: what single rays miss is not seen behind a scattering and a sweep.
+    #[cfg(feature = "live")]
+    pub(crate) fn for_gathers(self) -> Self {
+        /// A picture's rays over a gather's.
+        const SHARE: u32 = 8;
+        match self {
+            Self::PerPoint(rays) => Self::PerPoint((rays / SHARE).max(1)),
+            Self::PerStroke(rays) => Self::PerStroke((rays / SHARE).max(1)),
+        }
+    }
+
     /// Rays of each of `lights`, at least 1. Pictures of every kind send the same rays: the number of a light, the number of its rays
     /// and a seed say where they go.
     pub(crate) fn of(self, lights: &[PointLight]) -> Vec<u32> {

@@ -1,6 +1,6 @@
 //! Direct light's moments per cell, for transport sweeps that scatter it.
 
-use super::{DirectSettings, add_rays};
+use super::{DirectSettings, POINTS_PER_PIECE, add_rays_in};
 use crate::relight::PointLight;
 use crate::transport::Cloud;
 use crate::transport::direct::Tally;
@@ -8,12 +8,19 @@ use glam::DVec3;
 use squall_formats::sphere::harmonics;
 
 /// ∫ Y_m L dΩ up to degree 1 of light that the delta-scaled medium counts as unscattered.
-struct Moments {
-    sums: Vec<f32>,
+struct Moments<'a> {
+    /// Of each cell its place among those that are wanted.
+    places: &'a [u32],
+    sums: Vec<[f32; 4]>,
     basis: [f32; 4],
 }
 
-impl Tally for Moments {
+/// Most parts that a stroke's rays are summed in: every one of them holds all wanted cells.
+const PARTS: usize = 4;
+/// No place.
+const NONE: u32 = u32::MAX;
+
+impl Tally for Moments<'_> {
     #[inline]
     fn start(&mut self, direction: DVec3) {
         let all = harmonics(direction.to_array());
@@ -22,7 +29,8 @@ impl Tally for Moments {
 
     #[inline(always)]
     fn chord(&mut self, cell: usize, _: f32, scaled: f32) {
-        if let Some(sums) = self.sums.get_mut(4 * cell..4 * cell + 4) {
+        // Cells that are not wanted have no place, and no sums.
+        if let Some(sums) = self.sums.get_mut(self.places[cell] as usize) {
             for m in 0..4 {
                 sums[m] += scaled * self.basis[m];
             }
@@ -30,16 +38,43 @@ impl Tally for Moments {
     }
 }
 
-/// The moments of `lights`' direct light, mean per cell, W/m²; in cells farther than one from any cloud nothing, `distances` being steps to
-/// the nearest with cloud. The same bytes come out for any number of threads.
-pub(crate) fn direct_moments(
+/// Cells whose direct light a gather starts from.
+#[derive(Clone, Debug)]
+pub(crate) struct WantedCells {
+    cells: Vec<u32>,
+    places: Vec<u32>,
+}
+
+impl WantedCells {
+    /// Those up to `farthest` steps from cloud, `distances` being steps to the nearest with cloud.
+    pub fn new(distances: &[u8], farthest: u8) -> Self {
+        let wanted = |cell: &u32| distances[*cell as usize] <= farthest;
+        let cells: Vec<u32> = (0..distances.len() as u32).filter(wanted).collect();
+        let mut places = vec![NONE; distances.len()];
+        for (place, &cell) in cells.iter().enumerate() {
+            places[cell as usize] = place as u32;
+        }
+        Self { cells, places }
+    }
+}
+
+/// Adds the moments of `lights`' direct light, mean per cell, W/m², to those of `wanted` cells, which are all within a step of cloud. The
+/// same bytes come out for any number of threads.
+pub(crate) fn add_direct_moments(
     (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
+    wanted: &WantedCells,
     lights: &[PointLight],
     settings: DirectSettings,
-) -> Vec<[f32; 4]> {
-    let mut sums = vec![[0.0f32; 4]; cloud.shape.len()];
-    let tally = || Moments { sums: vec![0.0; 4 * cloud.shape.len()], basis: [0.0; 4] };
+    moments: &mut [[f32; 4]],
+) {
+    let count = wanted.cells.len();
+    let tally = || Moments { places: &wanted.places, sums: vec![[0.0; 4]; count], basis: [0.0; 4] };
+    let mut sums = vec![[0.0f32; 4]; count];
     let near = (cloud, extinction_scale, distances);
-    add_rays(near, lights, settings, (&tally, &|tally: Moments| tally.sums), sums.as_flattened_mut());
-    sums
+    let at_once = lights.len().div_ceil(PARTS).max(POINTS_PER_PIECE);
+    let sums_of = |tally: Moments<'_>| tally.sums.into_flattened();
+    add_rays_in(at_once, near, lights, settings, (&tally, &sums_of), sums.as_flattened_mut());
+    for (&cell, sums) in wanted.cells.iter().zip(&sums) {
+        moments[cell as usize].iter_mut().zip(sums).for_each(|(sum, value)| *sum += value);
+    }
 }

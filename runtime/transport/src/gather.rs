@@ -49,8 +49,37 @@ impl LiveSolver {
         coefficients: &mut Vec<f32>,
         buffers: &mut GatherBuffers,
     ) -> GatherReport {
+        self.take(coefficients, &mut buffers.light);
+        self.gather_on(direct, sweeps, coefficients, buffers)
+    }
+
+    /// [`LiveSolver::gather`] of light given by the first four of J's coefficients, those of degree 0 and 1 which are all that is scattered on,
+    /// a row a solve cell. `coefficients` receives all, and is left as it is where no sweep was taken.
+    ///
+    /// Panics when an array is not one grid long.
+    pub fn gather_from(
+        &self,
+        (direct, start): (&[[f32; 4]], &[[f32; 4]]),
+        sweeps: u32,
+        coefficients: &mut Vec<f32>,
+        buffers: &mut GatherBuffers,
+    ) -> GatherReport {
+        assert_eq!(start.len(), self.fine.shape.len());
+        let back = self.back();
+        buffers.light.clear();
+        buffers.light.extend(start.iter().map(|row| moments(row, back)));
+        self.gather_on(direct, sweeps, coefficients, buffers)
+    }
+
+    /// Sweeps over the light that `buffers` hold.
+    fn gather_on(
+        &self,
+        direct: &[[f32; 4]],
+        sweeps: u32,
+        coefficients: &mut Vec<f32>,
+        buffers: &mut GatherBuffers,
+    ) -> GatherReport {
         let GatherBuffers { light, swept, sweep } = buffers;
-        self.take(coefficients, light);
         let (mut report, mut before) = (GatherReport::default(), f64::INFINITY);
         while report.sweeps < sweeps {
             let norms = self.solver.sweep_once(light, direct, swept, sweep);
@@ -78,19 +107,31 @@ impl LiveSolver {
     /// Moments of light on the solve grid from J's coefficients on the cloud's.
     fn take(&self, coefficients: &[f32], light: &mut Vec<[f32; GATHERED]>) {
         assert_eq!(coefficients.len(), self.parent.coarse().len() * MAX_HARMONICS);
-        let g = self.fine.g;
-        let back = [1.0, if g.abs() < EVEN { 0.0 } else { 1.0 / g }];
-        let rows = coefficients.as_chunks::<MAX_HARMONICS>().0;
+        let back = self.back();
+        let between = self.fit.as_ref().map(|fit| fit.read(coefficients, MAX_HARMONICS));
+        let rows = between.as_deref().unwrap_or(coefficients).as_chunks::<MAX_HARMONICS>().0;
         light.clear();
-        light.extend((0..self.fine.shape.len()).map(|cell| {
-            let from = &rows[self.parent.of(cell)];
-            let mut moments = [0.0; GATHERED];
-            for m in 0..4 {
-                moments[m] = (f64::from(from[m]) * back[degree_of(m)]) as f32;
-            }
-            moments
-        }));
+        light.extend(
+            (0..self.fine.shape.len()).map(|cell| {
+                moments(&rows[if between.is_some() { cell } else { self.parent.of(cell) }], back)
+            }),
+        );
     }
+
+    /// Moments of light over J's coefficients of degree 0 and 1.
+    fn back(&self) -> [f64; 2] {
+        let g = self.fine.g;
+        [1.0, if g.abs() < EVEN { 0.0 } else { 1.0 / g }]
+    }
+}
+
+/// Moments of light from J's first coefficients.
+fn moments(coefficients: &[f32], back: [f64; 2]) -> [f32; GATHERED] {
+    let mut moments = [0.0; GATHERED];
+    for m in 0..4 {
+        moments[m] = (f64::from(coefficients[m]) * back[degree_of(m)]) as f32;
+    }
+    moments
 }
 
 #[cfg(test)]

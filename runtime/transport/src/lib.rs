@@ -10,6 +10,7 @@
 pub mod cloud;
 pub mod direct;
 pub mod error;
+pub mod fit;
 #[cfg(feature = "sweeps")]
 pub mod gather;
 #[cfg(feature = "sweeps")]

@@ -11,6 +11,7 @@ use crate::Cloud;
 use crate::cloud::CoarseIndex;
 use crate::direct::{DirectField, Light, Tracer};
 use crate::error::ArgumentError;
+use crate::fit::{HatFit, weights};
 use crate::lanes::SimdLevel;
 use crate::light::PointLight;
 use crate::parallel::map_chunks;
@@ -19,6 +20,7 @@ use crate::solve::{Iteration, SolveBuffers, SolveSettings, Solver};
 use glam::DVec3;
 use squall_formats::section::response::SolverRecord;
 use squall_formats::sphere::{MAX_HARMONICS, degree_of, harmonics};
+use squall_formats::view_region::ViewRegion;
 
 /// Sweeps after which a live solve gives up.
 const MAX_SWEEPS: u32 = 2000;
@@ -32,6 +34,8 @@ pub struct LiveSolver {
     pub(crate) solver: Solver<4>,
     /// Cells of the solve grid whose light is read; all where `None`.
     pub(crate) read: Option<Vec<bool>>,
+    /// What fits light of the solve grid to the cloud's cells; means where `None`.
+    pub(crate) fit: Option<HatFit>,
 }
 
 /// Direct light of point lights per cell.
@@ -90,7 +94,33 @@ impl LiveSolver {
     ///
     /// Errors: a record that no solver can follow.
     pub fn new(cloud: &Cloud, record: &SolverRecord) -> Result<Self, ArgumentError> {
-        let fine = cloud.refined(record.refine)?;
+        Self::on(cloud.refined(record.refine)?, record)
+    }
+
+    /// The same for cells that are blocks of `shown`'s, solved for in those or in equal parts of them and fitted as rows of light that was
+    /// are ([`crate::fit`]) for a view region or for all.
+    ///
+    /// Errors: a record that no solver can follow, or that is not of such blocks.
+    pub fn fitted(
+        (cloud, shown): (&Cloud, &Cloud),
+        record: &SolverRecord,
+        view_region: Option<&ViewRegion>,
+    ) -> Result<Self, ArgumentError> {
+        let (large, small) = (cloud.shape.to_array(), shown.shape.to_array());
+        let parts = |axis: usize| record.refine[axis] as usize * large[axis] / small[axis].max(1);
+        let fine = shown.refined([0, 1, 2].map(|axis| parts(axis) as u32))?;
+        let fit = HatFit::new(&fine, record.refine, weights(&fine, view_region))?;
+        if fit.coarse() != cloud.shape {
+            let wanted = format!("cells of {:?} solve cells", record.refine);
+            return Err(ArgumentError::new("fitted light", wanted, format!("{large:?} of {small:?}")));
+        }
+        let read: Vec<bool> = fit.weights().iter().map(|&weight| weight > 0.0).collect();
+        let Self { fine, parent, solver, .. } = Self::on(fine, record)?;
+        let solver = solver.read_in(&fine, &read);
+        Ok(Self { solver, fine, parent, read: Some(read), fit: Some(fit) })
+    }
+
+    fn on(fine: Cloud, record: &SolverRecord) -> Result<Self, ArgumentError> {
         let settings = SolveSettings {
             quadrature: quadrature_of(record)?,
             scheme: record.scheme,
@@ -101,7 +131,7 @@ impl LiveSolver {
             level: SimdLevel::Best,
         };
         let solver = Solver::new(&fine, settings)?;
-        Ok(Self { parent: CoarseIndex::new(fine.shape, record.refine), fine, solver, read: None })
+        Ok(Self { parent: CoarseIndex::new(fine.shape, record.refine), fine, solver, read: None, fit: None })
     }
 
     /// The same where only the cells `wanted` are read, one a cell of the cloud that it was made for: sweeps step over empty cells that
@@ -110,9 +140,13 @@ impl LiveSolver {
     /// Panics when `wanted` is not one grid long.
     #[must_use]
     pub fn read_in(self, wanted: &[bool]) -> Self {
-        let read: Vec<bool> = (0..self.fine.shape.len()).map(|cell| wanted[self.parent.of(cell)]).collect();
-        let Self { fine, parent, solver, .. } = self;
-        Self { solver: solver.read_in(&fine, &read), fine, parent, read: Some(read) }
+        let mut read: Vec<bool> =
+            (0..self.fine.shape.len()).map(|cell| wanted[self.parent.of(cell)]).collect();
+        let Self { fine, parent, solver, fit, .. } = self;
+        if let Some(fit) = &fit {
+            read.iter_mut().zip(fit.weights()).for_each(|(read, &weight)| *read &= weight > 0.0);
+        }
+        Self { solver: solver.read_in(&fine, &read), fine, parent, read: Some(read), fit }
     }
 
     /// The grid that is solved on.
@@ -220,6 +254,10 @@ impl LiveSolver {
                 *value *= factor;
             }
         }
-        self.parent.means(moments.as_flattened(), MAX_HARMONICS)
+        match &self.fit {
+            Some(fit) => fit.fit(moments.as_flattened(), MAX_HARMONICS),
+            None if self.parent.coarse() == self.fine.shape => moments.as_flattened().to_vec(),
+            None => self.parent.means(moments.as_flattened(), MAX_HARMONICS),
+        }
     }
 }

@@ -7,7 +7,7 @@ use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::cloud::{CloudHead, CloudSection};
-use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis};
+use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis, Stored};
 use squall_formats::units::Radians;
 use squall_runtime::Asset;
 use squall_runtime::camera::{Projection, Ray};
@@ -57,6 +57,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             codec: Codec::Bytes,
             relative_error: 0.02,
             refine: 1,
+            stored: Stored::Means,
             samples: 2,
             solve: SolveSettings {
                 quadrature: Quadrature::Lebedev26,
@@ -67,8 +68,15 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
         let stroke = vec![PointLight { position: 0.5 * (cloud.origin_m + high), intensity: 1e6 }];
         let sources = Sources { lights, distant: Vec::new(), sun: None };
         let held_out = std::slice::from_ref(&stroke);
-        let job =
-            Job { cloud: &cloud, sources: &sources, settings: &settings, held_out, known: None, cache: None };
+        let job = Job {
+            cloud: &cloud,
+            sources: &sources,
+            settings: &settings,
+            held_out,
+            known: None,
+            shown: None,
+            cache: None,
+        };
         let mut baked = bake_response(&job, &Quiet).unwrap();
         let head = CloudHead {
             shape: cloud.shape,

@@ -99,6 +99,17 @@ pub enum Codec {
     Entropy,
 }
 
+/// What a row's cells hold of light that was solved for in smaller cells.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Stored {
+    /// Its mean over each.
+    #[default]
+    Means,
+    /// What, read between the middles of the stored cells, comes closest to the solved ones, weighted by how much of each is seen. It may be
+    /// below zero; over a cell the mean of the reading is the light's. New in version 5.
+    Fit,
+}
+
 /// How a cell's mean flux is carried to its faces (runtime: `transport::sweep`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SweepScheme {
@@ -158,12 +169,15 @@ pub struct ResponseHead {
     pub finer: Vec<FinerLevel>,
     /// How rows of codec `Entropy` are coded; [`super::write()`] makes it. New in version 4.
     pub entropy: Option<EntropyRecord>,
+    /// What cells hold. New in version 5.
+    pub stored: Stored,
 }
 
 impl ResponseHead {
     /// The oldest version that can say this, which is the one that is written.
     pub(super) fn version(&self, cloud_blocks: bool) -> u16 {
         match (self.codec, self.sun.is_some() || cloud_blocks) {
+            _ if self.stored == Stored::Fit => 5,
             _ if !self.finer.is_empty() => 4,
             (Codec::Entropy, _) => 4,
             (_, true) => 3,
@@ -173,11 +187,14 @@ impl ResponseHead {
 
     /// The metadata record of a section of `version`.
     pub(super) fn encode(&self, version: u16) -> Vec<u8> {
-        if version >= 4 {
+        if version >= 5 {
             return meta::encode(self);
         }
         let Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, .. } = self;
         let old = (shape, sources, distant, basis, direct, codec, solver, view_region, seen);
+        if version == 4 {
+            return meta::encode(&(old, sun, &self.finer, &self.entropy));
+        }
         if version == 3 { meta::encode(&(old, sun)) } else { meta::encode(&old) }
     }
 
@@ -194,6 +211,20 @@ pub fn pack_seen(seen: &[bool]) -> Vec<u8> {
     let byte =
         |cells: &[bool]| cells.iter().enumerate().fold(0, |byte, (bit, &seen)| byte | u8::from(seen) << bit);
     seen.chunks(8).map(byte).collect()
+}
+
+/// [`ResponseHead`] as version 4 has it.
+#[derive(Deserialize)]
+struct HeadV4 {
+    before: HeadV3,
+    finer: Vec<FinerLevel>,
+    entropy: Option<EntropyRecord>,
+}
+
+impl From<HeadV4> for ResponseHead {
+    fn from(head: HeadV4) -> Self {
+        Self { finer: head.finer, entropy: head.entropy, ..head.before.into() }
+    }
 }
 
 /// [`ResponseHead`] as version 3 has it.
@@ -226,8 +257,22 @@ struct HeadV2 {
 impl From<HeadV2> for ResponseHead {
     fn from(head: HeadV2) -> Self {
         let HeadV2 { shape, sources, distant, basis, direct, codec, solver, view_region, seen } = head;
-        let (sun, finer, entropy) = (None, Vec::new(), None);
-        Self { shape, sources, distant, basis, direct, codec, solver, view_region, seen, sun, finer, entropy }
+        let (sun, finer, entropy, stored) = (None, Vec::new(), None, Stored::Means);
+        Self {
+            shape,
+            sources,
+            distant,
+            basis,
+            direct,
+            codec,
+            solver,
+            view_region,
+            seen,
+            sun,
+            finer,
+            entropy,
+            stored,
+        }
     }
 }
 
@@ -262,6 +307,7 @@ impl HeadV1 {
             sun: None,
             finer: Vec::new(),
             entropy: None,
+            stored: Stored::Means,
         })
     }
 }
@@ -276,6 +322,7 @@ impl ResponseHead {
             1 => meta::decode::<HeadV1>(TAG, record, limits)?.newest()?,
             2 => meta::decode::<HeadV2>(TAG, record, limits)?.into(),
             3 => meta::decode::<HeadV3>(TAG, record, limits)?.into(),
+            4 => meta::decode::<HeadV4>(TAG, record, limits)?.into(),
             _ => meta::decode(TAG, record, limits)?,
         };
         let cells = head.shape.checked_len().filter(|&cells| cells as u64 <= limits.cells);

@@ -1,4 +1,3 @@
-use super::tiles::EVEN;
 use super::*;
 use crate::camera::Projection;
 use crate::rain::{RainField, RainVolume};
@@ -29,7 +28,7 @@ fn metres(camera: &Camera) -> Vec<f32> {
 #[test]
 fn tiles_show_what_pixels_show() {
     /// Twice what tiles allow for: between middle and corners a halo bends once.
-    const ALLOWED: f32 = 2.0 * EVEN;
+    const ALLOWED: f32 = 2.0 * FrameQuality::STILL.halos.tolerance;
     let camera = camera();
     let metres = metres(&camera);
     let medium = Medium::geometric(MillimetresPerHour(60.0));

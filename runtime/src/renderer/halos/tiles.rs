@@ -7,20 +7,53 @@ use super::{DEEPEST, Halos, Shape};
 use crate::camera::{Camera, Ray};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
+use crate::shade::adaptive::Spacing;
 use glam::Vec2;
 
-/// Edges of the largest and the smallest tile, px.
+/// Edges of the largest tile and of the smallest that is ever asked for, px.
 const LARGEST: usize = 32;
 const SMALLEST: usize = 8;
-/// Share by which a halo may differ from what lies between a tile's corners, and share of the tile's darkest light that shows no
-/// difference.
-pub(super) const EVEN: f32 = 0.02;
-const UNSEEN: f32 = 5e-4;
-/// Distance from a tile's middle, in edges of the tile, from which on a light leaves it even as far as corners can tell.
-const ASIDE: f32 = 1.5;
-/// Logarithm of the ratio of depths between which light counts as growing evenly, and most nodes of a tile.
-const DEPTH_STEP: f32 = 0.4;
+/// Most nodes of a tile along its depth.
 const MOST_DEPTHS: usize = 10;
+/// Tolerance from which on a picture is a preview: halos are then told from fewer places.
+const COARSE: f32 = 0.1;
+
+/// How finely halos are looked at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fineness {
+    /// Edge of the smallest tile, px.
+    smallest: usize,
+    /// Share by which a halo may differ from what lies between a tile's corners, and share of the tile's darkest light that shows no
+    /// difference.
+    even: f32,
+    unseen: f32,
+    /// Distance from a tile's middle, in edges of the tile, from which on a light leaves it even as far as corners can tell.
+    aside: f32,
+    /// Places between the corners that are compared.
+    checks: usize,
+    /// Logarithm of the ratio of depths between which light counts as growing evenly.
+    depth_step: f32,
+    /// A light that adds less than this share of a pixel leaves no halo there.
+    pub least: f32,
+    /// Pieces of a ray whose ends are asked whether walls stand before a lamp.
+    pub pieces: usize,
+}
+
+impl From<Spacing> for Fineness {
+    fn from(Spacing { pixels, tolerance }: Spacing) -> Self {
+        let is_coarse = tolerance >= COARSE;
+        Self {
+            smallest: (pixels as usize).clamp(SMALLEST, LARGEST),
+            even: tolerance,
+            unseen: tolerance / 40.0,
+            aside: if is_coarse { 1.2 } else { 1.5 },
+            checks: if is_coarse { 1 } else { CHECKS.len() },
+            depth_step: if is_coarse { 0.8 } else { 0.4 },
+            least: if is_coarse { 1e-3 } else { 1e-4 },
+            pieces: if is_coarse { 5 } else { 10 },
+        }
+    }
+}
 
 /// Adds the halos to a picture whose things stand `metres` away.
 pub(super) fn draw(halos: &Halos<'_>, camera: &Camera, metres: &[f32], picture: &mut Picture) {
@@ -116,7 +149,7 @@ impl Strip<'_> {
             return;
         }
         let beside = self.lights_beside(tile);
-        let is_small = tile.edge() <= SMALLEST;
+        let is_small = tile.edge() <= self.halos.fineness.smallest;
         if beside.is_empty() || is_small {
             let others = (0..self.places.len()).filter(|number| beside.binary_search(number).is_err());
             let others: Vec<usize> = others.collect();
@@ -133,7 +166,7 @@ impl Strip<'_> {
     fn lights_beside(&self, tile: Tile) -> Vec<usize> {
         let [x, y] = tile.at([0.5; 2]);
         let middle = Vec2::new(x as f32, (self.top as f64 + y) as f32);
-        let reach = ASIDE * tile.edge() as f32;
+        let reach = self.halos.fineness.aside * tile.edge() as f32;
         let is_beside = |[from, to]: [Vec2; 2]| {
             let way = to - from;
             let along = ((middle - from).dot(way) / way.length_squared().max(1e-12)).clamp(0.0, 1.0);
@@ -152,13 +185,15 @@ impl Strip<'_> {
                 (0..3).for_each(|band| darkest[band] = darkest[band].min(self.pixels[at][band]));
             }
         }
+        (0..3).for_each(|band| darkest[band] = darkest[band].max(self.halos.behind[band]));
         (near, far, darkest)
     }
 
     /// What some lights show at a tile's corners, where that tells what they show between.
     fn nodes(&self, tile: Tile, lights: &[usize]) -> Option<Nodes> {
         let (near, far, darkest) = self.extremes(tile);
-        let depths = Depths::between(near, far)?;
+        let fineness = &self.halos.fineness;
+        let depths = Depths::between((near, far), fineness.depth_step)?;
         let at = |share: [f64; 2], end: f32| {
             let [x, y] = tile.at(share);
             self.halos.radiance_of(lights.iter().copied(), &(self.ray)(x, y), f64::from(end), darkest)
@@ -170,10 +205,11 @@ impl Strip<'_> {
         let is_even = |share: [f64; 2]| {
             let (found, wanted) = (nodes.mix(end, share.map(|v| v as f32)), at(share, end));
             (0..3).all(|band| {
-                (found[band] - wanted[band]).abs() <= EVEN * wanted[band].abs() + UNSEEN * darkest[band]
+                let allowed = fineness.even * wanted[band].abs() + fineness.unseen * darkest[band];
+                (found[band] - wanted[band]).abs() <= allowed
             })
         };
-        CHECKS.into_iter().all(is_even).then_some(nodes)
+        CHECKS.into_iter().take(fineness.checks).all(is_even).then_some(nodes)
     }
 
     /// Adds what lies between a tile's corners, and each pixel's own light of those `beside`.
@@ -203,7 +239,9 @@ impl Strip<'_> {
         }
         let at = y * self.width + x;
         let ray = (self.ray)(x as f64 + 0.5, y as f64 + 0.5);
-        self.halos.radiance_of(lights, &ray, f64::from(self.metres[at]), self.pixels[at])
+        let behind = self.halos.behind;
+        let pixel = std::array::from_fn(|band| self.pixels[at][band].max(behind[band]));
+        self.halos.radiance_of(lights, &ray, f64::from(self.metres[at]), pixel)
     }
 
     /// Adds the halo of every pixel of a tile.
@@ -227,11 +265,11 @@ struct Depths {
 
 impl Depths {
     /// Nodes from `near` to `far`; none where they would be so many that each pixel by itself is cheaper.
-    fn between(near: f32, far: f32) -> Option<Self> {
+    fn between((near, far): (f32, f32), depth_step: f32) -> Option<Self> {
         // What stands at the lens has no ratio to anything.
         let near = near.max(f32::MIN_POSITIVE);
         let span = libm::logf(far.max(near) / near);
-        let count = 1 + libm::ceilf(span / DEPTH_STEP) as usize;
+        let count = 1 + libm::ceilf(span / depth_step) as usize;
         let step = if count > 1 { span / (count - 1) as f32 } else { 0.0 };
         (count <= MOST_DEPTHS).then_some(Self { near, step, count })
     }

@@ -1,5 +1,6 @@
 //! Rays against upright boxes: a tree over their bounds, built once.
 
+pub mod beam;
 #[cfg(feature = "gpu")]
 mod upload;
 

@@ -3,7 +3,9 @@
 mod coarse;
 mod node;
 mod quality;
+mod spots;
 mod strip;
+mod tiles;
 
 pub use quality::Quality;
 

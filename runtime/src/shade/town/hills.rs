@@ -34,6 +34,12 @@ impl Hills {
         self.top
     }
 
+    /// Two corners of an upright box around all hills, m.
+    pub fn bounds(&self) -> [Vec3; 2] {
+        let far = self.origin + self.cell * Vec2::new(self.cells[0] as f32, self.cells[1] as f32);
+        [self.origin.extend(0.0), far.extend(self.top)]
+    }
+
     /// Heights of a cell's four nodes: (0,0), (1,0), (0,1), (1,1).
     fn corners(&self, x: i32, y: i32) -> [f32; 4] {
         let row = self.cells[0] as usize + 1;

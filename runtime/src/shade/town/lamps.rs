@@ -11,10 +11,8 @@ pub(super) use lanes::LampLanes;
 
 use super::{Hit, Thing, Town};
 use crate::octahedron::{fold, unfold};
-use crate::parallel::prelude::*;
 use crate::shade::town::light::{Lighting, SceneLight};
 use glam::Vec3;
-use lanes::LANES;
 use squall_formats::section::town::StreetLamp;
 
 /// Directions along each side of a lamp's map.
@@ -73,12 +71,10 @@ impl LampReach {
 }
 
 impl Town {
-    /// What every lamp reaches; traced when it is first asked for.
-    fn traced(&self) -> &[LampReach] {
-        self.reaches.get_or_init(|| {
-            let reach = |lamp: &StreetLamp| LampReach::new(self, Vec3::from_array(lamp.position));
-            self.lamps.par_iter().map(reach).collect()
-        })
+    /// What lamp `number` reaches; traced when it is first asked for.
+    fn traced(&self, number: usize) -> &LampReach {
+        self.reaches[number]
+            .get_or_init(|| LampReach::new(self, Vec3::from_array(self.lamps[number].position)))
     }
 
     /// Share of lamp `number` that reaches a spot, past boxes and hills.
@@ -87,48 +83,41 @@ impl Town {
             Thing::Block(number, ..) => number as u32,
             _ => NO_BLOCK,
         };
-        self.traced()[number].share(hit.point - Vec3::from_array(self.lamps[number].position), block)
+        self.traced(number).share(hit.point - Vec3::from_array(self.lamps[number].position), block)
     }
 
     /// Share of lamp `number` that reaches a place in the air, past boxes and hills.
     pub(crate) fn lamp_reaches(&self, number: usize, place: Vec3) -> f32 {
-        self.traced()[number].share(place - Vec3::from_array(self.lamps[number].position), NO_BLOCK)
+        self.traced(number).share(place - Vec3::from_array(self.lamps[number].position), NO_BLOCK)
     }
 
     /// Irradiance of the street lamps on a spot that has `so_far` from other lights, W/m²: each dimmed by the rain on its own way,
     /// shadowed, and left out where it can't add a ten-thousandth.
     pub(super) fn lamp_irradiance(&self, hit: &Hit, lighting: &Lighting, so_far: [f32; 3]) -> [f32; 3] {
         let total = |light: [f32; 3]| light[0] + light[1] + light[2];
-        let lamps = || self.lanes.irradiances(hit.point, hit.normal);
-        let all = lamps().fold([0.0; LANES], |sum, own| std::array::from_fn(|lane| sum[lane] + own[lane]));
-        let least = LEAST * (total(so_far) + all.iter().sum::<f32>());
         let mut sum = [0.0; 3];
-        for (eight, own) in lamps().enumerate() {
-            for (lane, own) in own.into_iter().enumerate().filter(|(_, own)| *own > least) {
-                let number = eight * LANES + lane;
-                let (reach, lamp) = (self.lamp_share(number, hit), &self.lamps[number]);
-                if reach > 0.0 {
-                    let share = reach * lighting.rain.left(hit.point, Vec3::from_array(lamp.position));
-                    let share = share * own / total(lamp.intensity);
-                    (0..3).for_each(|band| sum[band] += share * lamp.intensity[band]);
-                }
+        self.lanes.each_above((hit.point, hit.normal), (LEAST, total(so_far)), |number, own| {
+            let (reach, lamp) = (self.lamp_share(number, hit), &self.lamps[number]);
+            if reach > 0.0 {
+                let share = reach * lighting.rain.left(hit.point, Vec3::from_array(lamp.position));
+                let share = share * own / total(lamp.intensity);
+                (0..3).for_each(|band| sum[band] += share * lamp.intensity[band]);
             }
-        }
+        });
         sum
     }
 
-    /// The lamps that may have a highlight on rippled water of this slope at a spot, with their numbers.
-    pub(super) fn lamps_in_water(
+    /// Calls `shown` for the lamps that may have a highlight on rippled water of this slope at a spot, with their numbers.
+    pub(super) fn each_lamp_in_water(
         &self,
         hit: &Hit,
         to_viewer: Vec3,
         slope: f32,
-    ) -> impl Iterator<Item = (usize, SceneLight)> {
-        let eights = self.lanes.highlights(hit.point, hit.normal, to_viewer, slope).enumerate();
-        let numbers = eights.flat_map(|(eight, may)| {
-            (0..LANES).filter(move |&lane| may[lane] > 0.0).map(move |lane| eight * LANES + lane)
+        mut shown: impl FnMut(usize, SceneLight),
+    ) {
+        self.lanes.each_in_water((hit.point, hit.normal), to_viewer, slope, |number| {
+            shown(number, Self::street_light(&self.lamps[number]));
         });
-        numbers.filter_map(|number| Some((number, Self::street_light(self.lamps.get(number)?))))
     }
 
     fn street_light(lamp: &StreetLamp) -> SceneLight {

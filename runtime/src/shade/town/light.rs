@@ -411,7 +411,7 @@ impl Town {
         for (sum, stroke) in sum.strokes.iter_mut().zip(lighting.strokes) {
             shown_of(&stroke.images, sum);
         }
-        for (number, lamp) in self.lamps_in_water(hit, to_viewer, slope) {
+        self.each_lamp_in_water(hit, to_viewer, slope, |number, lamp| {
             let way = lamp.position - hit.point;
             let squared = way.length_squared().max(1e-4);
             let highlight = rippled_highlight(hit.normal, way / squared.sqrt(), to_viewer, slope);
@@ -424,7 +424,7 @@ impl Town {
                 };
                 add(&mut sum.base, share * reach * lighting.rain.left(start, lamp.position), lamp.intensity);
             }
-        }
+        });
         if let Some(sun) = &lighting.sun {
             // A facet's tilt turns a reflection by twice as much, so the disc counts with half its size; a disc's standard
             // deviation along one axis is half its radius.

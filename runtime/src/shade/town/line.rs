@@ -33,9 +33,9 @@ pub struct Images {
     balls: Vec<Ball>,
 }
 
-/// A ball around the ends of some lines.
+/// A ball around some places.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Ball {
+pub(super) struct Ball {
     centre: Vec3,
     radius: f32,
 }
@@ -137,7 +137,12 @@ impl Place {
 
 impl Ball {
     fn around(lines: &[LineLight]) -> Self {
-        let ends = || lines.iter().flat_map(|line| [line.from, line.to]);
+        Self::of(&lines.iter().flat_map(|line| [line.from, line.to]).collect::<Vec<_>>())
+    }
+
+    /// The ball around all of these.
+    pub fn of(places: &[Vec3]) -> Self {
+        let ends = || places.iter().copied();
         let (low, high) = ends()
             .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), end| (low.min(end), high.max(end)));
         let centre = 0.5 * (low + high);
@@ -150,7 +155,7 @@ impl Ball {
     ///
     /// Unit vectors to its places differ from the one w to its centre by e at most, so a facet's slope T/N of half = w + v is no
     /// shorter along T than (|T| − e)/(N + e), and no two of them are farther apart than 2e/(N − e) + 2e(|T| + e)/(N − e)².
-    fn has_no_image(&self, &Place { point, normal, to_viewer, slope }: &Place) -> bool {
+    pub fn has_no_image(&self, &Place { point, normal, to_viewer, slope }: &Place) -> bool {
         let way = self.centre - point;
         let distance = way.length();
         if distance <= 1.5 * self.radius {

@@ -4,10 +4,9 @@
 //! Shadows of lamps and strokes, and images of points and lines in water, cost most of a node and are smooth across most of it. What
 //! the water's facets see is grain and is looked at in every node.
 
-use super::super::Hit;
 use super::super::Surface;
 use super::super::light::Parts;
-use super::node::{same_surface, similar};
+use super::node::{ROUGHNESS, same_surface, similar};
 use super::strip::{Seen, Strip, Task};
 
 /// Share by which the slopes of water may differ whose images stand for one another: a narrow image is as bright as it is narrow.
@@ -77,20 +76,32 @@ impl<const N: usize> Coarse<'_, N> {
     ) -> Option<Slow<N>> {
         let beside = |at: usize| [at & !1, (at + 1) & !1];
         let (columns, rows) = (beside(x), beside(y));
-        let (mut sum, mut ends) = (Slow::NONE, None);
+        let tolerance = self.task.quality.tolerance;
+        // Where anything may differ, any node beside it will do.
+        let (any, as_rough) =
+            (tolerance == f32::INFINITY, if tolerance == f32::INFINITY { ROUGHNESS } else { AS_ROUGH });
+        let (mut sum, mut ends, mut weight) = (Slow::NONE, None, 0.0);
         for (column, row) in rows.into_iter().flat_map(|row| columns.map(|column| (column, row))) {
             let number = row * self.across + column;
-            let other = self.looks.get(number).filter(|_| column < self.across)?.as_ref()?;
-            if !stands_for(other, &look.seen.hit, look) {
+            let other = self.looks.get(number).filter(|_| column < self.across).and_then(Option::as_ref);
+            let other = other.filter(|other| stands_for(other, look, as_rough));
+            let Some(light) = other.and(slow.get(number).copied().flatten()) else {
+                if any {
+                    continue;
+                }
                 return None;
-            }
-            let light = slow[number]?;
+            };
+            weight += 0.25;
             sum.irradiance.add(0.25, light.irradiance);
             sum.images.add(0.25, light.images);
             let [low, high]: [Slow<N>; 2] = ends.unwrap_or([light; 2]);
             ends = Some([low.zip(light, Parts::least), high.zip(light, Parts::most)]);
         }
-        let ([low, high], tolerance) = (ends?, self.task.quality.tolerance);
+        let [low, high]: [Slow<N>; 2] = ends?;
+        if any {
+            let mean = |light: Parts<N>| light.each(|_, value| value / weight);
+            return Some(Slow { irradiance: mean(sum.irradiance), images: mean(sum.images) });
+        }
         // Images lie over what the facets show, and are told from it.
         let shown = look.facets.map_or(Parts::NONE, |(light, _)| light);
         let over = |images: Parts<N>| {
@@ -114,16 +125,16 @@ impl<const N: usize> Slow<N> {
     }
 }
 
-/// Whether light at `other` may stand for that at `hit` of `look`.
-fn stands_for<const N: usize>(other: &Look<N>, hit: &Hit, look: &Look<N>) -> bool {
+/// Whether light at `other` may stand for that of `look`, in water whose slope differs by this share at most.
+fn stands_for<const N: usize>(other: &Look<N>, look: &Look<N>, as_rough: f32) -> bool {
     let is_as_rough = match (&other.facets, &look.facets) {
         (Some(_), Some(_)) => {
-            (other.surface.slope - look.surface.slope).abs() <= AS_ROUGH * look.surface.slope
+            (other.surface.slope - look.surface.slope).abs() <= as_rough * look.surface.slope
         }
         (None, None) => true,
         _ => false,
     };
-    is_as_rough && same_surface(&other.seen.hit, hit)
+    is_as_rough && same_surface(&other.seen.hit, &look.seen.hit)
 }
 
 impl<const N: usize> Strip<'_, N> {

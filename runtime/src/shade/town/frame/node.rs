@@ -9,7 +9,7 @@ const BENT: (f32, f32) = (0.97, 0.02);
 /// The same of flat ones, which differ by round-off alone.
 const FLAT: (f32, f32) = (0.9999, 1e-4);
 /// Share by which the slopes of two places' water may differ.
-const ROUGHNESS: f32 = 0.2;
+pub(super) const ROUGHNESS: f32 = 0.2;
 
 /// What was worked out at a node.
 pub(super) struct Node<const N: usize> {

@@ -18,13 +18,18 @@ pub struct Quality {
     /// Nodes from one whose shadows and images are worked out to the next, 1 or 2; between them they are interpolated within
     /// `tolerance`. A graphics card works them out at every node.
     pub slow_spacing: u32,
+    /// Edge of squares of pixels, px, within which light that no node tells is worked out once for each surface; with 1 it is worked
+    /// out for each place. A graphics card works it out for each place.
+    pub spot: u32,
 }
 
 impl Quality {
     /// A still picture's.
-    pub const STILL: Self = Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05, slow_spacing: 2 };
+    pub const STILL: Self =
+        Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05, slow_spacing: 2, spot: 1 };
     /// A preview's: mirrors at a quarter of the size.
-    pub const PREVIEW: Self = Self { samples: 1, facets: 10, spacing: 4, tolerance: 0.5, slow_spacing: 2 };
+    pub const PREVIEW: Self =
+        Self { samples: 1, facets: 10, spacing: 4, tolerance: f32::INFINITY, slow_spacing: 2, spot: 8 };
 
     /// Samples along each side of a pixel, 1 to 64.
     pub(super) fn per_side(self) -> u32 {

@@ -6,6 +6,8 @@ use super::super::{Hit, Surface, Thing, Town};
 use super::coarse::{Coarse, Look, Slow};
 use super::node::{Node, same_surface, similar};
 use super::quality::Quality;
+use super::spots::{Place, Spots};
+use super::tiles::Views;
 use super::{SKY, TownPixel};
 use crate::camera::{Camera, Projection};
 use glam::Vec3;
@@ -32,6 +34,7 @@ pub(super) struct Task<'a> {
 /// Rows `from` to `to` − 1 with what is around them.
 pub(super) struct Strip<'a, const N: usize> {
     task: Task<'a>,
+    views: Views,
     width: usize,
     spacing: usize,
     from: usize,
@@ -41,14 +44,15 @@ pub(super) struct Strip<'a, const N: usize> {
     /// Rows of nodes from `from` on, each with a node at every `spacing`-th pixel that sees anything.
     nodes: Vec<Option<Node<N>>>,
     nodes_across: usize,
+    spots: Spots<N>,
 }
 
 impl<'a> Task<'a> {
     /// Follows the ray through a place of the picture, px.
-    fn look(&self, x: f64, y: f64) -> Option<Seen> {
+    fn look(&self, views: &Views, x: f64, y: f64) -> Option<Seen> {
         let ray = self.camera.ray(x, y);
         let direction = ray.direction.as_vec3();
-        let hit = self.town.trace(ray.origin.as_vec3(), direction, f32::MAX)?;
+        let hit = views.trace(self.town, (x, y), ray.origin.as_vec3(), direction)?;
         Some(Seen { direction, hit })
     }
 
@@ -162,10 +166,22 @@ impl<'a, const N: usize> Strip<'a, N> {
         let spacing = task.quality.spacing.clamp(1, ROWS as u32) as usize;
         let first = from.saturating_sub(1);
         let last = (to + spacing).min(height);
-        let middle = |at: usize| task.look((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
+        let views = Views::new(task.town, task.camera, first, last);
+        let middle = |at: usize| task.look(&views, (at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
         let seen = (first * width..last * width).map(middle).collect();
         let nodes_across = width.div_ceil(spacing);
-        let mut strip = Self { task, width, spacing, from, first, seen, nodes: Vec::new(), nodes_across };
+        let mut strip = Self {
+            task,
+            views,
+            width,
+            spacing,
+            from,
+            first,
+            seen,
+            nodes: Vec::new(),
+            nodes_across,
+            spots: Spots::new(task.quality.spot as usize, [width, to - from]),
+        };
         let rows = (from..last).step_by(spacing);
         let looks: Vec<Option<Look<N>>> = rows
             .flat_map(|y| (0..nodes_across).map(move |column| [column * spacing, y]))
@@ -243,7 +259,7 @@ impl<'a, const N: usize> Strip<'a, N> {
         let tolerance = if edge { f32::INFINITY } else { task.quality.tolerance };
         let on_surface = |node: &&Node<N>| same_surface(&seen.hit, &node.hit);
         // Where much may differ, a part of the nodes may stand for all.
-        let all = if edge { 1e-6 } else { (1.0 - tolerance).clamp(0.2, 0.999) };
+        let all = if tolerance == f32::INFINITY { 1e-6 } else { (1.0 - tolerance).clamp(0.2, 0.999) };
         // Weights of an edge's nodes count for how near they are, the node's own pixel most.
         let mix = |of: &dyn Fn(&Node<N>) -> Option<Parts<N>>, tolerance: f32, least: f32| {
             let (mut sum, mut weight) = (Parts::NONE, 0.0);
@@ -265,10 +281,13 @@ impl<'a, const N: usize> Strip<'a, N> {
             let whole = weight >= least && similar(&low, &high, tolerance);
             whole.then(|| sum.each(|_, value| value / weight))
         };
-        let irradiance =
-            mix(&|node| Some(node.irradiance), tolerance, all).unwrap_or_else(|| task.irradiance(seen));
-        let pane = (surface.glass > 0.0)
-            .then(|| mix(&|node| node.pane, tolerance, all).unwrap_or_else(|| task.pane(seen)));
+        let place = Place { pixel: [x, y - self.from], hit: &seen.hit, surface };
+        let irradiance = mix(&|node| Some(node.irradiance), tolerance, all)
+            .unwrap_or_else(|| self.spots.irradiance(place, || task.irradiance(seen)));
+        let pane = (surface.glass > 0.0).then(|| {
+            mix(&|node| node.pane, tolerance, all)
+                .unwrap_or_else(|| self.spots.pane(place, || task.pane(seen)))
+        });
         let mirrored = (surface.wet > 0.0).then(|| {
             // Of rough water one node beside the pixel is enough: shores are many.
             let some = all.min(0.2);
@@ -277,7 +296,7 @@ impl<'a, const N: usize> Strip<'a, N> {
             let share = mix(&|node| rough(node).map(|(_, share)| Parts::of([share; 3])), f32::INFINITY, some);
             match (light, share) {
                 (Some(light), Some(share)) => (light, share.base[0]),
-                _ => task.mirrored(seen, surface),
+                _ => self.spots.mirrored(place, || task.mirrored(seen, surface)),
             }
         });
         Shading { irradiance, pane, mirrored }
@@ -326,7 +345,7 @@ impl<'a, const N: usize> Strip<'a, N> {
         let mut light = Parts::NONE;
         let mut known: Vec<(Hit, Surface, Shading<N>)> = Vec::new();
         for [u, v] in task.samples(x, y) {
-            let Some(seen) = task.look(u, v) else { continue };
+            let Some(seen) = task.look(&self.views, u, v) else { continue };
             let surface = task.surface(&seen);
             let serves = |(hit, other, shading): &&(Hit, Surface, Shading<N>)| {
                 same_surface(&seen.hit, hit)

@@ -15,7 +15,8 @@ impl Town {
         }
         let width = across * SIDE;
         let mut texels = vec![[f32::MAX.to_bits(), NO_BLOCK]; width * down * SIDE];
-        for (number, reach) in self.traced().iter().enumerate() {
+        for number in 0..self.lamps.len() {
+            let reach = self.traced(number);
             let corner = (number / across) * SIDE * width + (number % across) * SIDE;
             for (i, texel) in reach.texels.iter().enumerate() {
                 let block = in_tree.get(texel.block as usize).copied().unwrap_or(NO_BLOCK);

@@ -21,7 +21,7 @@ fn light_at_nodes_stands_for_that_between_them_and_outlines_stay_where_they_are(
     let glow = GlowLight { centre: Vec3::new(0.0, 9e3, 4e3), radius: 2e3, radiance: [1.0; 3] };
     let stroke = StrokeLights { points: vec![bolt], ..StrokeLights::default() };
     let lit = Lighting { glows: &[glow], strokes: std::slice::from_ref(&stroke), ..lighting() };
-    let quality = Quality { samples: 2, facets: 64, spacing: 1, tolerance: 0.05, slow_spacing: 2 };
+    let quality = Quality { samples: 2, facets: 64, spacing: 1, tolerance: 0.05, slow_spacing: 2, spot: 1 };
     let exact = rendered(&lit, quality);
     for spacing in [2, 3] {
         let found = rendered(&lit, Quality { spacing, ..quality });
