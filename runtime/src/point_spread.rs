@@ -12,6 +12,7 @@
 //! | β      | extinction  | 1/m  |
 //! | T, ρ, s | optical depths | – |
 
+pub mod apsf;
 pub mod axes;
 #[cfg(feature = "gpu")]
 mod upload;
