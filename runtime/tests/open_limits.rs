@@ -234,3 +234,12 @@ fn long_lists_of_every_kind_open_within_bounds() {
     };
     opens_within_bounds("provenance", &[provenance.write()]);
 }
+
+#[test]
+fn bytes_for_a_place_that_nobody_asked_for_are_refused_however_far_it_is() {
+    let mut opening = squall_runtime::ranges::Opening::new("storm.squall");
+    for at in [1, u64::MAX - 7, u64::MAX] {
+        let error = opening.give(at, &[0; 16]).unwrap_err().to_string();
+        assert!(error.contains("range"), "{at}: {error}");
+    }
+}
