@@ -248,7 +248,8 @@ pub fn medium<'a>(
     let near = |flash: &LitStroke| halos::stands_within(flash, eye, full);
     let own = in_rain(medium.phase()).with_beam(flash_at(task.flashes, eye, near));
     let fall = weather.wind - DVec3::Z * Medium::fall_speed(task.section, field.rate(weather.rate))?;
-    let covered = CoveredRain::new(RainFan::new(field, camera), covers_of(task), fall, camera);
+    let covered =
+        CoveredRain::new(RainFan::new(field, camera), covers_of(task.town, task.frame), fall, camera);
     let outlook = Outlook { camera, volume: &covered, light: &own, depth };
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
@@ -263,9 +264,9 @@ pub fn medium<'a>(
 }
 
 /// What keeps the frame's rain off.
-fn covers_of<'a>(task: &Task<'a>) -> Covers<'a> {
-    let place = &task.frame.place;
-    let town = task.town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
+pub(super) fn covers_of<'a>(town: Option<&'a Town>, frame: &'a Frame) -> Covers<'a> {
+    let place = &frame.place;
+    let town = town.filter(|_| place.town_covers).map(|town| town as &dyn Shelter);
     Covers { first: town, maps: &place.covers }
 }
 
@@ -276,7 +277,7 @@ pub fn streaks(task: &Task<'_>, medium: &RainMedium<'_>, memory: &mut Memory) ->
     }
     let (shot, gain) = (shot_of(task.frame), task.frame.streaks.gain);
     let weather = &task.frame.weather;
-    let covers = covers_of(task);
+    let covers = covers_of(task.town, task.frame);
     let shelter = (!covers.is_empty()).then_some(&covers as &dyn Shelter);
     let found = task.rain.find_in(&shot, weather, &medium.field, shelter, &mut memory.rain)?.len();
     let (depth, light) = (Some(depth_of(&memory.metres, &memory.picture)?), &medium.light);
