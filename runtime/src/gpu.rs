@@ -24,6 +24,7 @@ pub(crate) mod medium;
 pub(crate) mod memory;
 pub(crate) mod rain;
 pub(crate) mod readback;
+pub(crate) mod relief;
 pub(crate) mod rows;
 pub(crate) mod shader;
 pub(crate) mod shown;

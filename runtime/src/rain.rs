@@ -64,6 +64,8 @@ pub use scatter::Scene;
 pub use shelter::{Shelter, ShelterMap};
 pub use streak::Streak;
 pub use under::CoveredRain;
+#[cfg(feature = "gpu")]
+pub(crate) use under::relief_of;
 pub use volume::{Ceiling, RainVolume, Region};
 pub use window::SmoothWindow;
 

@@ -2,7 +2,6 @@
 
 use squall_runtime::camera::Projection;
 use squall_runtime::formats::units::{Degrees, MillimetresPerHour, Radians, Seconds};
-use squall_runtime::frame::FrameQuality;
 use squall_runtime::glam::DVec3;
 use squall_runtime::tone::Tone;
 use squall_runtime::{Camera, Clouds, Frame, RuntimeError};
@@ -130,7 +129,6 @@ impl Settings {
     /// The picture that the controls ask for, from a view's.
     pub fn frame(&self, view: &Frame, size: [u32; 2]) -> Result<Frame, RuntimeError> {
         let mut frame = view.clone().camera(self.camera(&view.camera, size)?);
-        frame.quality = FrameQuality::PREVIEW;
         let rate = if self.is_on("rain") { self.value("rate_mm_per_h") } else { 0.0 };
         frame = frame.rain(MillimetresPerHour(rate));
         let (wind_x, wind_y) = (self.turned("wind_x_m_per_s"), self.turned("wind_y_m_per_s"));

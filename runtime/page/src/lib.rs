@@ -13,7 +13,7 @@ pub use controls::{CONTROLS, Control};
 
 use controls::Settings;
 use squall_runtime::formats::units::Seconds;
-use squall_runtime::frame::FlashCurve;
+use squall_runtime::frame::{FlashCurve, FrameQuality};
 use squall_runtime::ranges::Opening;
 #[cfg(any(feature = "gpu", target_family = "wasm"))]
 use squall_runtime::renderer::Backend;
@@ -82,6 +82,7 @@ struct Storm {
     view: Frame,
     tone: Tone,
     settings: Settings,
+    quality: FrameQuality,
     strikes: VecDeque<Strike>,
     pixels: Vec<u8>,
     /// How many strokes were struck, each with a shape of its own.
@@ -143,8 +144,8 @@ impl Player {
         let tone = renderer.tone();
         let settings = Settings::of(&view);
         let (strikes, pixels) = (VecDeque::new(), Vec::new());
-        self.storm =
-            Some(Storm { renderer, view, tone, settings, strikes, pixels, struck: 0, size: [16, 9] });
+        let (quality, struck, size) = (FrameQuality::PREVIEW, 0, [16, 9]);
+        self.storm = Some(Storm { renderer, view, tone, settings, quality, strikes, pixels, struck, size });
         self.missing.clear();
         Ok(())
     }
@@ -158,6 +159,14 @@ impl Player {
     /// Errors: there is none of that name; a value out of its range.
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), RuntimeError> {
         self.storm()?.settings.set(name, value)
+    }
+
+    /// Chooses how finely pictures are worked out: a preview's to begin with.
+    ///
+    /// Errors: no asset is open.
+    pub fn set_quality(&mut self, quality: FrameQuality) -> Result<(), RuntimeError> {
+        self.storm()?.quality = quality;
+        Ok(())
     }
 
     /// The value of a control.
@@ -266,6 +275,7 @@ impl Storm {
             }
         }
         let mut frame = self.settings.frame(&self.view, size)?;
+        frame.quality = self.quality;
         // A large picture has no more drops than one of 720 rows: somebody waits for it.
         frame.streaks = frame.streaks.for_rows(size[1].max(STATED_ROWS));
         let (opens, exposure) = (self.settings.time(), frame.exposure);

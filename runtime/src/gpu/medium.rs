@@ -22,7 +22,7 @@ const FEW_HALOS: usize = 64;
 
 plain! {
     /// `MediumFrame` of medium_depth.wgsl.
-    MediumFrame { medium: [f32; 4], counts: [u32; 4], shells: [[f32; 4]; SHELLS] }
+    MediumFrame { medium: [f32; 4], counts: [u32; 4], relief: [f32; 4], shells: [[f32; 4]; SHELLS] }
 }
 plain! {
     /// `HaloLight` of medium.wgsl.
@@ -34,7 +34,8 @@ plain! {
         intensity: [f32; 3],
         extinction: f32,
         most: [f32; 2],
-        pad0: [f32; 2],
+        number: u32,
+        pad: u32,
     }
 }
 
@@ -49,6 +50,8 @@ pub struct MediumPass {
     /// The function that they were made for.
     phase: Option<Phase>,
     halos: Held<wgpu::Buffer>,
+    /// What is dry under covers, and what lamps reach.
+    others: [wgpu::TextureView; 2],
     own: wgpu::BindGroup,
     targets: Option<wgpu::BindGroup>,
     /// What is left of the light behind, per pixel.
@@ -57,10 +60,16 @@ pub struct MediumPass {
 }
 
 impl MediumPass {
-    /// The pipeline.
-    pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, rain: &RainGroup) -> Self {
+    /// The pipeline; `others` are what is dry under covers and what lamps reach.
+    pub fn new(
+        gpu: &Gpu,
+        frame: &wgpu::BindGroupLayout,
+        rain: &RainGroup,
+        others: [&wgpu::TextureView; 2],
+    ) -> Self {
+        let exact = Slot::Exact;
         let own_layout =
-            gpu.layout("medium", &[Slot::Uniform, Slot::Exact, Slot::Read, Slot::Exact, Slot::Exact]);
+            gpu.layout("medium", &[Slot::Uniform, exact, Slot::Read, exact, exact, exact, Slot::Whole]);
         let target_layout = gpu
             .layout("medium's pictures", &[Slot::Flat, Slot::Exact, Slot::Store(LIGHT), Slot::Store(METRES)]);
         let module = gpu.module(&MEDIUM);
@@ -72,12 +81,27 @@ impl MediumPass {
         let tables = [("airlight", Airlight::SIZE), ("scattered light", source), ("seen of it", seen)];
         let tables = tables.map(|(name, size)| gpu.target(name, size, exact));
         let halos = gpu.storage("halos", &[HaloLight::default(); FEW_HALOS]);
-        let own = own_group(gpu, &own_layout, &uniform, &tables, &halos);
+        let others = others.map(Clone::clone);
+        let own = own_group(gpu, &own_layout, (&uniform, &halos), &tables, &others);
         let (phase, targets, left, size) = (None, None, None, [0; 2]);
-        Self { kernel, own_layout, target_layout, uniform, tables, phase, halos, own, targets, left, size }
+        Self {
+            kernel,
+            own_layout,
+            target_layout,
+            uniform,
+            tables,
+            phase,
+            halos,
+            others,
+            own,
+            targets,
+            left,
+            size,
+        }
     }
 
-    /// The medium of the next frame, dry without one; lights with halos in it, and how it spreads their light.
+    /// The medium of the next frame, dry without one; lights with halos in it, and how it spreads their light; what covers leave out of it
+    /// ([`super::relief::ReliefPass::set`]).
     ///
     /// Errors: more shells of drawn drops than a uniform buffer holds.
     pub fn set(
@@ -85,6 +109,7 @@ impl MediumPass {
         gpu: &Gpu,
         medium: Option<&Medium>,
         (lights, spreading): (&[HaloLight], Option<&Spreading>),
+        relief: [f32; 4],
     ) -> Result<(), RuntimeError> {
         let mut uniform = Box::<MediumFrame>::default();
         let Some(medium) = medium else {
@@ -106,13 +131,15 @@ impl MediumPass {
         }
         let farthest = medium.shells().map(|shell| shell[2]).fold(0.0, f32::max);
         uniform.medium = [medium.extinction().0 as f32, farthest, 0.0, 0.0];
+        uniform.relief = relief;
         uniform.counts = [count as u32, lights.len() as u32, 1, 0];
         gpu.write(&self.uniform, &[*uniform]);
         if size_of_val(lights) as u64 > self.halos.size() {
             let mut room = lights.to_vec();
             room.resize(lights.len().next_power_of_two(), HaloLight::default());
             self.halos = gpu.storage("halos", &room);
-            self.own = own_group(gpu, &self.own_layout, &self.uniform, &self.tables, &self.halos);
+            let buffers = (&*self.uniform, &*self.halos);
+            self.own = own_group(gpu, &self.own_layout, buffers, &self.tables, &self.others);
         } else {
             gpu.write(&self.halos, lights);
         }
@@ -148,9 +175,9 @@ impl MediumPass {
 fn own_group(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
-    uniform: &wgpu::Buffer,
+    (uniform, halos): (&wgpu::Buffer, &wgpu::Buffer),
     [once, source, seen]: &[Image; 3],
-    halos: &wgpu::Buffer,
+    [relief, reach]: &[wgpu::TextureView; 2],
 ) -> wgpu::BindGroup {
     use wgpu::BindingResource::TextureView;
     let resources = [
@@ -159,6 +186,8 @@ fn own_group(
         halos.as_entire_binding(),
         TextureView(&source.view),
         TextureView(&seen.view),
+        TextureView(relief),
+        TextureView(reach),
     ];
     gpu.group("medium", layout, &resources)
 }

@@ -21,8 +21,15 @@ struct HaloLight {
     extinction: f32,
     // What no ray sees more of: once scattered, times its distance from the ray; scattered more often.
     most: vec2f,
-    pad0: vec2f,
+    // Of a lamp among the town's, whose walls keep it from parts of a ray; NO_LAMP of others.
+    number: u32,
 }
+
+const NO_LAMP: u32 = 0xFFFFFFFFu;
+// `airlight::past`.
+const PIECES: i32 = 10;
+const PAST_HALVES: i32 = 5;
+const ALIKE: f32 = 0.1;
 
 const LAMP: f32 = 0.0;
 const LINE: f32 = 1.0;
@@ -44,6 +51,8 @@ const SHORT_PANELS: i32 = 3;
 // ln f of light that is scattered more than once, and ln M of what is seen of it, by angle along x and depth along y.
 @group(1) @binding(3) var spread_source: texture_2d<f32>;
 @group(1) @binding(4) var spread_seen: texture_2d<f32>;
+@group(1) @binding(5) var dry_relief: texture_2d<f32>;
+@group(1) @binding(6) var lamp_reach: texture_2d<u32>;
 
 @group(3) @binding(0) var picture: texture_2d<f32>;
 @group(3) @binding(1) var distances: texture_2d<f32>;
@@ -141,6 +150,75 @@ fn halo_of_point(beside: Beside, extinction: f32) -> vec3f {
     let start = halo_place(-beside.foot, beside.h);
     let end = halo_place(beside.end - beside.foot, beside.h);
     return halo_between(thickness, start, end) * (extinction / beside.h * growth);
+}
+
+// The tangent of half the angle at the point from its foot to a place t along the ray.
+fn half_tangent(t: f32, h: f32) -> f32 {
+    return select(t / (sqrt(t * t + h * h) + h), 1.0, t >= 1e15);
+}
+
+// Share of a lamp's light that gets to where a ray passes at this half tangent.
+fn reaches_ray(which: HaloLight, beside: Beside, origin: vec3f, way: vec3f, w: f32) -> f32 {
+    let off = beside.h * 2.0 * w / max(1.0 - w * w, 1e-12);
+    let along = clamp(beside.foot + off, 0.0, max(beside.end, 0.0));
+    return lamp_share(which.number, origin + way * along - which.start, NO_BOX);
+}
+
+fn piece_of_halo(thickness: f32, start: f32, end: f32, share: f32) -> vec3f {
+    if share <= 0.0 || end <= start {
+        return vec3f(0.0);
+    }
+    let sines = sqrt(max(0.5 * (1.0 - vec2f(start, end)), vec2f(0.0)));
+    return share * halo_between(thickness, sines.x, sines.y);
+}
+
+// The light of a lamp, `whole` without walls, that gets past them to the ray. (Airlight::of_point_past)
+fn halo_past(which: HaloLight, beside: Beside, whole: vec3f, origin: vec3f, way: vec3f) -> vec3f {
+    if all(whole <= vec3f(0.0)) {
+        return whole;
+    }
+    let first = half_tangent(-beside.foot, beside.h);
+    let last = half_tangent(beside.end - beside.foot, beside.h);
+    let step = (last - first) / f32(PIECES);
+    var shares: array<f32, 11>;
+    var least = 1.0;
+    var most = 0.0;
+    for (var i = 0; i <= PIECES; i++) {
+        shares[i] = reaches_ray(which, beside, origin, way, first + step * f32(i));
+        least = min(least, shares[i]);
+        most = max(most, shares[i]);
+    }
+    if least >= 1.0 || most <= 0.0 {
+        return select(vec3f(0.0), whole, least >= 1.0);
+    }
+    let thickness = which.extinction * beside.h;
+    var sum = vec3f(0.0);
+    for (var i = 0; i < PIECES; i++) {
+        var start = first + step * f32(i);
+        var end = select(first + step * f32(i + 1), last, i + 1 == PIECES);
+        var low = shares[i];
+        var high = shares[i + 1];
+        for (var half = 0; half < PAST_HALVES; half++) {
+            if abs(low - high) <= ALIKE {
+                break;
+            }
+            let middle = 0.5 * (start + end);
+            let own = reaches_ray(which, beside, origin, way, middle);
+            // The half with less of a change counts as even; the other one is halved on.
+            if abs(own - low) <= abs(own - high) {
+                sum += piece_of_halo(thickness, start, middle, 0.5 * (low + own));
+                start = middle;
+                low = own;
+            } else {
+                sum += piece_of_halo(thickness, middle, end, 0.5 * (own + high));
+                end = middle;
+                high = own;
+            }
+        }
+        sum += piece_of_halo(thickness, start, end, 0.5 * (low + high));
+    }
+    // Sums of pieces may be off by what the table is.
+    return min(sum * (which.extinction / beside.h * exp(-which.extinction * beside.foot)), whole);
 }
 
 fn halo_of_line(which: HaloLight, origin: vec3f, way: vec3f, end: f32) -> vec3f {
@@ -255,15 +333,26 @@ fn halo_radiance(origin: vec3f, way: vec3f, wanted_end: f32, behind: vec3f) -> v
         if once + which.most.y < least {
             continue;
         }
-        if once >= 0.5 * least && which.shape != BALL {
-            if which.shape == LINE {
+        let has_more = which.most.y >= 0.5 * least;
+        let is_walled = which.number != NO_LAMP;
+        // Light that is scattered more than once goes the same ways to begin with, and loses the same share.
+        var open = 1.0;
+        if which.shape == LINE {
+            if once >= 0.5 * least {
                 sum += which.intensity * halo_of_line(which, origin, way, end);
-            } else {
-                sum += which.intensity * halo_of_point(beside, which.extinction);
             }
+        } else if which.shape == LAMP && (once >= 0.5 * least || (has_more && is_walled)) {
+            let whole = halo_of_point(beside, which.extinction);
+            var seen = whole;
+            if is_walled {
+                seen = halo_past(which, beside, whole, origin, way);
+                let all_of_it = whole.x + whole.y + whole.z;
+                open = select(1.0, (seen.x + seen.y + seen.z) / all_of_it, all_of_it > 0.0);
+            }
+            sum += which.intensity * seen;
         }
-        if which.most.y >= 0.5 * least && which.shape != LINE {
-            sum += which.intensity * spread_of_point(beside, which.extinction);
+        if has_more && which.shape != LINE && open > 0.0 {
+            sum += which.intensity * spread_of_point(beside, which.extinction) * open;
         }
     }
     return sum;

@@ -7,12 +7,20 @@ use super::binding::{Kernel, Slot};
 use super::clock::{Dispatch, Recorder, groups_of};
 use super::memory::{Held, Image};
 use super::shader::{RAIN_DRAW, RAIN_FIND};
+use crate::error::RuntimeError;
+use crate::rain::CoverMap;
 use crate::shade::streak::upload::StreakTables;
+use std::sync::Arc;
 use wgpu::BufferUsages as Use;
 
 /// Most classes of drops, and street lamps that light them.
 pub const CLASSES: usize = 256;
 pub const NEAR_LAMPS: usize = 128;
+/// Most covers of the caller's own, and their cells beside each other in a texture.
+pub const COVERS: usize = 16;
+const CELLS_ACROSS: u32 = 2048;
+/// Rows of a texture within WebGPU's default limits.
+const MOST_ROWS: usize = 8192;
 /// Most streaks that one frame draws.
 const MOST_STREAKS: u32 = 1 << 19;
 /// Streaks that there is always room for.
@@ -37,8 +45,20 @@ macro_rules! plain {
 pub(super) use plain;
 
 plain! {
+    /// `CoverHead` of rain_field.wgsl.
+    CoverHead { origin: [f32; 3], inverse_cell: f32, size: [u32; 2], first: u32, highest: f32 }
+}
+plain! {
     /// `RainField` of rain_field.wgsl.
-    FieldUniform { ceiling: [f32; 4], region: [f32; 4], map_place: [f32; 4], map_top: [f32; 4], has: [u32; 4] }
+    FieldUniform {
+        ceiling: [f32; 4],
+        region: [f32; 4],
+        map_place: [f32; 4],
+        map_top: [f32; 4],
+        has: [u32; 4],
+        counts: [u32; 4],
+        covers: [CoverHead; COVERS],
+    }
 }
 plain! {
     /// `RainLight` of in_scattering.wgsl.
@@ -146,6 +166,8 @@ pub struct RainGroup {
     map: Image,
     /// The texels of the map that is on the card: where they are, and how many.
     map_at: (usize, usize),
+    cells: Image,
+    covers: Vec<Arc<CoverMap>>,
     told: wgpu::Buffer,
 }
 
@@ -157,7 +179,7 @@ const PHASE_BINS: u32 = 360;
 pub const SHOWN_SIDE: u32 = 161;
 
 /// Slots of group 2.
-const SLOTS: [Slot; 9] = [
+const SLOTS: [Slot; 10] = [
     Slot::Uniform,
     Slot::Uniform,
     Slot::Exact,
@@ -167,6 +189,7 @@ const SLOTS: [Slot; 9] = [
     Slot::Uniform,
     Slot::Read,
     Slot::Uniform,
+    Slot::Exact,
 ];
 
 impl RainGroup {
@@ -192,6 +215,8 @@ impl RainGroup {
             sizes: gpu.uniform::<TableUniform>("sizes of tables"),
             map: gpu.target("map of rain", [2, 2], wgpu::TextureFormat::R32Float),
             map_at: (0, 0),
+            cells: gpu.target("cells of covers", [1, 1], wgpu::TextureFormat::Rg32Float),
+            covers: Vec::new(),
             told: told.clone(),
         };
         gpu.write(&group.sizes, &[sizes]);
@@ -215,8 +240,47 @@ impl RainGroup {
                 self.sizes.as_entire_binding(),
                 self.heads.as_entire_binding(),
                 self.told.as_entire_binding(),
+                self.cells.binding(),
             ],
         );
+    }
+
+    /// Puts covers of the caller's own on the card, and their heads where the next frame's rain is.
+    ///
+    /// Errors: more covers, or more cells of them, than there is room for.
+    pub fn set_covers(
+        &mut self,
+        gpu: &Gpu,
+        covers: &[Arc<CoverMap>],
+        field: &mut FieldUniform,
+    ) -> Result<(), RuntimeError> {
+        if covers.len() > COVERS {
+            let wanted = format!("at most {COVERS} covers of one's own on a graphics card");
+            return Err(RuntimeError::argument("rain covers", wanted, covers.len()));
+        }
+        let same = |(a, b): (&Arc<CoverMap>, &Arc<CoverMap>)| a.has_cells_of(b);
+        if self.covers.len() != covers.len() || !self.covers.iter().zip(covers).all(same) {
+            let mut cells: Vec<[f32; 2]> = covers.iter().flat_map(|cover| cover.cells()).collect();
+            let rows = cells.len().div_ceil(CELLS_ACROSS as usize).max(1);
+            if rows > MOST_ROWS {
+                let wanted =
+                    format!("at most {} cells on a graphics card", MOST_ROWS * CELLS_ACROSS as usize);
+                return Err(RuntimeError::argument("rain covers", wanted, cells.len()));
+            }
+            cells.resize(rows * CELLS_ACROSS as usize, [1.0, 0.0]);
+            let size = [CELLS_ACROSS, rows as u32];
+            self.cells = gpu.target("cells of covers", size, wgpu::TextureFormat::Rg32Float);
+            gpu.fill(&self.cells, &cells);
+            self.covers = covers.to_vec();
+            self.bind(gpu);
+        }
+        let mut first = 0;
+        for (slot, cover) in field.covers.iter_mut().zip(covers) {
+            *slot = cover.head(first);
+            first += slot.size[0] * slot.size[1];
+        }
+        field.counts[0] = covers.len() as u32;
+        Ok(())
     }
 
     /// Puts a map of rain on the card, unless it is there already.

@@ -58,6 +58,7 @@ struct RainClass {
 }
 
 struct NearLamp {
+    // Its number in the town behind it.
     position: vec4f,
     intensity: vec4f,
 }

@@ -3,6 +3,18 @@
 // No ray goes farther than this, and nothing is infinite.
 const ENDLESS: f32 = 1e30;
 
+// A cover of the caller's own.
+struct CoverHead {
+    // Lowest corner; cells per metre; cells along x and y; the first of them; the highest top over the corner, m.
+    origin: vec3f,
+    inverse_cell: f32,
+    size: vec2u,
+    first: u32,
+    highest: f32,
+}
+
+const COVERS: u32 = 16u;
+
 struct RainField {
     // Height, softness, whether there is a ceiling (1 or 0); farthest distance.
     ceiling: vec4f,
@@ -14,6 +26,9 @@ struct RainField {
     map_top: vec4f,
     // Whether there is a region, and a map; its cells along x and y without their dry border.
     has: vec4u,
+    // Covers of the caller's own.
+    counts: vec4u,
+    covers: array<CoverHead, COVERS>,
 }
 
 @group(2) @binding(1) var<uniform> field: RainField;

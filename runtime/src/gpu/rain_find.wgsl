@@ -87,7 +87,11 @@ fn drop_light(way: vec3f, place: vec3f) -> DropLight {
         let lamp = rain.near_lamps[i];
         let off = place - lamp.position.xyz;
         let squared = max(dot(off, off), 0.01);
-        radiance += lamp.intensity.xyz * phase_values(0, -dot(off, way) / sqrt(squared)) / squared;
+        // Walls keep a lamp from a drop, and from nothing else that counts here.
+        let reach = lamp_share(u32(lamp.position.w), off, NO_BOX);
+        if reach > 0.0 {
+            radiance += lamp.intensity.xyz * (reach / squared) * phase_values(0, -dot(off, way) / sqrt(squared));
+        }
         let own = mean3(lamp.intensity.xyz) / squared;
         direct += own;
         if own >= best {
@@ -311,7 +315,8 @@ fn evaluate(class_at: u32, id: vec2u, arrival: f32, diameter: f32, corner: vec3f
     if arrival <= exp(-expected) {
         return;
     }
-    if rain.flags.z != 0u && !town_lets_fall(place, rain.wind.xyz - vec3f(0.0, 0.0, speed)) {
+    let falls = rain.wind.xyz - vec3f(0.0, 0.0, speed);
+    if (rain.flags.z != 0u && !town_lets_fall(place, falls)) || !covers_let_fall(place, falls) {
         return;
     }
     let centre = vec3f(dot(offset, frame.right), dot(offset, frame.up), depth);

@@ -29,6 +29,9 @@ const SPOTS: &str = include_str!("spots.wgsl");
 const DOUBLED: &str = include_str!("doubled.wgsl");
 /// Rays against the town: group 1.
 const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+/// What lamps reach; covers of one's own, in group 2.
+const LAMP_REACH: &str = include_str!("lamp_reach.wgsl");
+const COVERS: &str = include_str!("covers.wgsl");
 /// What it is made of; how it is looked at and lit; light between nodes.
 const TOWN_SURFACE: &str = include_str!("town_surface.wgsl");
 const TOWN_VIEW: &str = include_str!("town_view.wgsl");
@@ -56,13 +59,15 @@ shaders! {
     /// Nothing but the common part, run by its own tests.
     PROBE = "probe" [COMMON];
     /// Drops of a frame.
-    RAIN_FIND = "rain_find" [COMMON, FIELD, TOWN_RAYS, IN_SCATTERING, RAIN];
+    RAIN_FIND = "rain_find" [COMMON, FIELD, COVERS, TOWN_RAYS, LAMP_REACH, IN_SCATTERING, RAIN];
     /// Their streaks.
     RAIN_DRAW = "rain_draw" [COMMON, IN_SCATTERING, RAIN];
     /// What rain shows of the world in every direction.
     SHOWN = "shown" [COMMON];
     /// The medium and halos in it.
-    MEDIUM = "medium" [COMMON, FIELD, IN_SCATTERING, DEPTH];
+    MEDIUM = "medium" [COMMON, FIELD, IN_SCATTERING, DEPTH, LAMP_REACH];
+    /// What is dry under covers.
+    RELIEF = "relief" [COMMON, FIELD, COVERS, TOWN_RAYS];
     /// Lamps and channels: where they are and what of them arrives.
     SPOTS_PLACE = "spots_place" [COMMON, FIELD, TOWN_RAYS, DEPTH, SPOTS];
     /// They themselves.
@@ -79,11 +84,13 @@ shaders! {
     /// What it is made of.
     TOWN_MADE = "town_made" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW];
     /// Light at nodes.
-    TOWN_NODES = "town_nodes" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT];
+    TOWN_NODES = "town_nodes"
+        [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, LAMP_REACH, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT];
     /// Pixels between them.
     TOWN_PIXELS = "town_pixels" [COMMON, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_MIX];
     /// All other pixels.
-    TOWN_REST = "town_rest" [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT, TOWN_MIX];
+    TOWN_REST = "town_rest"
+        [COMMON, FIELD, IN_SCATTERING, TOWN_RAYS, LAMP_REACH, TOWN_SURFACE, TOWN_VIEW, TOWN_LIGHT, TOWN_MIX];
     /// Sums of rows.
     ROWS = "rows" [];
     /// Sums of rows back to light per cell.

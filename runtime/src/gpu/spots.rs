@@ -11,8 +11,8 @@ use super::shader::{SPOTS_DRAW, SPOTS_PLACE, STREAKS_OVER};
 use super::targets::LIGHT;
 use wgpu::BufferUsages as Use;
 
-/// Most strokes that flash together.
-pub const STROKES: usize = 64;
+/// Strokes that there is room for at first.
+const FEW_STROKES: usize = 16;
 /// What has a brightness of its own.
 pub const NO_STROKE: u32 = u32::MAX;
 /// Spots that there is room for at first.
@@ -28,7 +28,7 @@ plain! {
 }
 plain! {
     /// `SpotFrame` of spots.wgsl.
-    SpotFrame { counts: [u32; 4], strokes: [[f32; 4]; STROKES] }
+    SpotFrame { counts: [u32; 4] }
 }
 
 /// The passes.
@@ -42,25 +42,28 @@ pub struct SpotPasses {
     uniform: Held<wgpu::Buffer>,
     sources: Held<wgpu::Buffer>,
     placed: Held<wgpu::Buffer>,
+    /// Colour times brightness of every stroke.
+    strokes: Held<wgpu::Buffer>,
     groups: Option<[wgpu::BindGroup; 2]>,
     /// How far what stands before spots is, and the medium's uniforms.
     metres: Option<wgpu::TextureView>,
     medium: wgpu::Buffer,
+    relief: wgpu::TextureView,
     layer: Option<wgpu::BindGroup>,
     count: u32,
     room: usize,
 }
 
 impl SpotPasses {
-    /// The pipelines; `medium` is the medium's uniform buffer.
+    /// The pipelines; `medium` is the medium's uniform buffer, `relief` what is dry under covers.
     pub fn new(
         gpu: &Gpu,
         [frame, town]: [&wgpu::BindGroupLayout; 2],
         rain: &RainGroup,
-        medium: &wgpu::Buffer,
+        (medium, relief): (&wgpu::Buffer, &wgpu::TextureView),
     ) -> Self {
-        let place_layout =
-            gpu.layout("spots", &[Slot::Uniform, Slot::Read, Slot::Write, Slot::Uniform, Slot::Exact]);
+        let [uniform, read, exact] = [Slot::Uniform, Slot::Read, Slot::Exact];
+        let place_layout = gpu.layout("spots", &[uniform, read, Slot::Write, uniform, exact, exact, read]);
         let draw_layout = gpu.layout("spots drawn", &[Slot::Read]);
         let layer_layout = gpu.layout("layer of streaks", &[Slot::Flat]);
         let module = gpu.module(&SPOTS_PLACE);
@@ -96,9 +99,11 @@ impl SpotPasses {
             uniform,
             sources,
             placed,
+            strokes: gpu.storage("brightness of strokes", &[[0.0f32; 4]; FEW_STROKES]),
             groups: None,
             metres: None,
             medium: medium.clone(),
+            relief: relief.clone(),
             layer: None,
             count: 0,
             room: FEW,
@@ -120,11 +125,15 @@ impl SpotPasses {
     /// before spots.
     pub fn set_frame(&mut self, gpu: &Gpu, strokes: &[[f32; 3]], [rains, has_town, has_scene]: [bool; 3]) {
         let counts = [self.count, u32::from(rains), u32::from(has_town), u32::from(has_scene)];
-        let mut uniform = SpotFrame { counts, ..SpotFrame::default() };
-        for (slot, [r, g, b]) in uniform.strokes.iter_mut().zip(strokes) {
-            *slot = [*r, *g, *b, 0.0];
+        gpu.write(&self.uniform, &[SpotFrame { counts }]);
+        let mut bright: Vec<[f32; 4]> = strokes.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]).collect();
+        if size_of_val(&bright[..]) as u64 > self.strokes.size() {
+            bright.resize(bright.len().next_power_of_two(), [0.0; 4]);
+            self.strokes = gpu.storage("brightness of strokes", &bright);
+            self.bind(gpu);
+        } else {
+            gpu.write(&self.strokes, &bright);
         }
-        gpu.write(&self.uniform, &[uniform]);
     }
 
     /// Binds the layer of streaks, and the metres to what stands before spots.
@@ -140,8 +149,9 @@ impl SpotPasses {
         let [uniform, sources, placed, medium] =
             [&*self.uniform, &*self.sources, &*self.placed, &self.medium]
                 .map(wgpu::Buffer::as_entire_binding);
-        let metres = wgpu::BindingResource::TextureView(metres);
-        let all = [uniform, sources, placed.clone(), medium, metres];
+        let [metres, relief] = [metres, &self.relief].map(wgpu::BindingResource::TextureView);
+        let strokes = self.strokes.as_entire_binding();
+        let all = [uniform, sources, placed.clone(), medium, metres, relief, strokes];
         self.groups = Some([
             gpu.group("spots", &self.place_layout, &all),
             gpu.group("spots drawn", &self.draw_layout, &[placed]),

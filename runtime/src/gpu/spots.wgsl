@@ -21,8 +21,6 @@ struct Spot {
 struct SpotFrame {
     // How many; whether it rains; whether there is a town; whether a scene of the caller's may stand before spots.
     counts: vec4u,
-    // Colour times brightness.
-    strokes: array<vec4f, 64>,
 }
 
 const NO_STROKE: u32 = 0xFFFFFFFFu;

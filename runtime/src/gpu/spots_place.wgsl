@@ -5,6 +5,9 @@
 @group(3) @binding(2) var<storage, read_write> placed: array<Spot>;
 @group(3) @binding(3) var<uniform> medium: MediumFrame;
 @group(3) @binding(4) var scene_distance: texture_2d<f32>;
+@group(3) @binding(5) var dry_relief: texture_2d<f32>;
+// Colour times brightness of every stroke.
+@group(3) @binding(6) var<storage, read> stroke_light: array<vec4f>;
 
 @compute @workgroup_size(64)
 fn place_spots(@builtin(global_invocation_id) id: vec3u) {
@@ -43,7 +46,7 @@ fn place_spots(@builtin(global_invocation_id) id: vec3u) {
     }
     var light = source.light * left;
     if !is_lamp {
-        light *= spots.strokes[source.stroke].xyz;
+        light *= stroke_light[source.stroke].xyz;
     }
     placed[id.x].pixel = at.xy;
     placed[id.x].sigma = source.sigma;

@@ -11,9 +11,10 @@ mod tests;
 
 use super::Gpu;
 use super::binding::Slot;
-use super::memory::Held;
+use super::memory::{Held, Image};
 use super::rain::plain;
 use crate::shade::town::Town;
+use crate::shade::town::upload::TownTables;
 
 plain! {
     /// `TownPlace` of town_rays.wgsl.
@@ -35,26 +36,33 @@ pub struct TownGroup {
     pub place: Held<wgpu::Buffer>,
     /// The tree's nodes, boxes, heights of hills.
     pub lists: [Held<wgpu::Buffer>; 3],
+    /// Metres and box by direction from each lamp.
+    pub reach: Image,
 }
 
 /// Slots of what rays meet.
-pub const RAY_SLOTS: [Slot; 4] = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Read];
+pub const RAY_SLOTS: [Slot; 5] = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Read, Slot::Whole];
 
 impl TownGroup {
     /// Of a town, or of none: then rays meet the flat ground alone.
     pub fn new(gpu: &Gpu, town: Option<&Town>) -> Self {
         let layout = gpu.layout("town", &RAY_SLOTS);
         let place = gpu.uniform::<TownPlace>("town");
-        let (own, nodes, boxes, heights) = match town.map(Town::tables) {
-            Some(tables) => (tables.place, tables.nodes, tables.boxes, tables.heights),
-            None => (TownPlace::default(), Vec::new(), Vec::new(), Vec::new()),
-        };
+        let tables = town.map(Town::tables).unwrap_or_default();
+        let TownTables { place: own, nodes, boxes, heights, reach: texels, reach_size: [across, down] } =
+            tables;
+        let kind = (wgpu::TextureDimension::D2, wgpu::TextureFormat::Rg32Uint);
+        let reach = gpu.texture("what lamps reach", [across, down, 1], kind, wgpu::TextureUsages::empty());
+        if !texels.is_empty() {
+            gpu.fill(&reach, &texels);
+        }
         let lists =
             [gpu.list("tree over boxes", nodes), gpu.list("boxes", boxes), gpu.list("hills", heights)];
         gpu.write(&place, &[own]);
         let [nodes, boxes, heights] = lists.each_ref().map(|list| list.as_entire_binding());
-        let group = gpu.group("town", &layout, &[place.as_entire_binding(), nodes, boxes, heights]);
-        Self { layout, group, place, lists }
+        let resources = [place.as_entire_binding(), nodes, boxes, heights, reach.binding()];
+        let group = gpu.group("town", &layout, &resources);
+        Self { layout, group, place, lists, reach }
     }
 }
 

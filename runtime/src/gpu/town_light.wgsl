@@ -19,8 +19,6 @@ struct TownSource {
 const SMOOTHEST: f32 = 1e-3;
 const FARTHEST_SHADE_M: f32 = 5e4;
 const HALF_A_DIGIT: f32 = 2.9e-8;
-const LAMP_MAP: f32 = 64.0;
-const NEARER: f32 = 0.02;
 const LEAST_LAMP: f32 = 1e-4;
 // Lines in a ball. (shade/town/line.rs)
 const TOGETHER: u32 = 8u;
@@ -133,21 +131,6 @@ fn arrival(place: vec3f, point: vec3f, normal: vec3f) -> f32 {
     let way = place - point;
     let squared = max(dot(way, way), 1e-6);
     return max(dot(normal, way) / sqrt(squared), 0.0) / squared;
-}
-
-// Share of a lamp that reaches a place `way` from it, on this box. (lamps.rs, LampReach::share)
-fn lamp_share(number: u32, way: vec3f, thing: u32) -> f32 {
-    let near = length(way) * (1.0 - NEARER);
-    let at = clamp((octahedron_fold(way) * 0.5 + 0.5) * LAMP_MAP - 0.5, vec2f(0.0), vec2f(LAMP_MAP - 1.0));
-    let low = min(vec2u(at), vec2u(u32(LAMP_MAP) - 2u));
-    let f = at - vec2f(low);
-    let corner = vec2u(number % ground.maps_across, number / ground.maps_across) * u32(LAMP_MAP) + low;
-    var lit = vec4f(0.0);
-    for (var i = 0u; i < 4u; i++) {
-        let texel = textureLoad(lamp_reach, corner + vec2u(i & 1u, i >> 1u), 0).xy;
-        lit[i] = select(0.0, 1.0, bitcast<f32>(texel.x) >= near || (is_box(thing) && texel.y == thing));
-    }
-    return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
 }
 
 fn lamp_light(point: vec3f, normal: vec3f, thing: u32, so_far: vec3f) -> vec3f {

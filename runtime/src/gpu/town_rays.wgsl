@@ -22,7 +22,7 @@ struct TownPlace {
     hills: vec4f,
     // Patches along x and y; nodes of the tree; lamps.
     counts: vec4u,
-    // Highest hill, m.
+    // Highest hill and highest roof, m.
     top: vec4f,
 }
 
@@ -48,6 +48,8 @@ const LIFT: f32 = 2e-5;
 @group(1) @binding(1) var<storage, read> town_nodes: array<TownNode>;
 @group(1) @binding(2) var<storage, read> town_boxes: array<TownBox>;
 @group(1) @binding(3) var<storage, read> town_heights: array<f32>;
+// Metres and box by direction from each lamp.
+@group(1) @binding(4) var lamp_reach: texture_2d<u32>;
 
 fn no_hit(limit: f32) -> TownHit {
     return TownHit(limit, vec3f(0.0), NOTHING, NO_WALL, vec2f(0.0));

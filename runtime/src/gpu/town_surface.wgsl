@@ -33,8 +33,6 @@ struct TownGround {
     // The first of the parts; the rest are lamps.
     roads: u32,
     lamps: u32,
-    // Boxes' lamps' maps side by side in the texture.
-    maps_across: u32,
 }
 
 struct Surface {
@@ -66,11 +64,9 @@ const DASH: f32 = 4.0;
 // A pixel that covers more windows than this along one axis sees their mean.
 const MOST_WINDOWS: f32 = 6.0;
 
-@group(1) @binding(4) var<uniform> ground: TownGround;
-@group(1) @binding(5) var<storage, read> town_walls: array<TownWall>;
-@group(1) @binding(6) var<storage, read> town_parts: array<TownPart>;
-// Metres and box by direction from each lamp.
-@group(1) @binding(7) var lamp_reach: texture_2d<u32>;
+@group(1) @binding(5) var<uniform> ground: TownGround;
+@group(1) @binding(6) var<storage, read> town_walls: array<TownWall>;
+@group(1) @binding(7) var<storage, read> town_parts: array<TownPart>;
 
 fn spot_of(hit: TownHit, origin: vec3f, way: vec3f) -> Spot {
     let wall = select(hit.wall, UNDERSIDE, hit.wall == NO_WALL && hit.normal.z < 0.0);

@@ -214,6 +214,9 @@ impl Shelter for Covers<'_> {
     }
 }
 
+#[cfg(feature = "gpu")]
+mod upload;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -327,5 +327,10 @@ impl<V: RainPath> RainPath for CoveredRain<'_, V> {
     }
 }
 
+#[cfg(feature = "gpu")]
+mod upload;
+#[cfg(feature = "gpu")]
+pub(crate) use upload::relief_of;
+
 #[cfg(test)]
 mod tests;

@@ -16,8 +16,9 @@ use crate::gpu::clock::Recorder;
 use crate::gpu::medium::MediumPass;
 use crate::gpu::memory::Image;
 use crate::gpu::rain::{LAYER, NEAR_LAMPS, NearLamp, RainFrame, RainGroup, RainLight, RainPasses};
+use crate::gpu::relief::ReliefPass;
 use crate::gpu::shown::ShownPass;
-use crate::gpu::spots::{NO_STROKE, STROKES, SpotPasses, SpotSource};
+use crate::gpu::spots::{NO_STROKE, SpotPasses, SpotSource};
 use crate::gpu::targets::Targets;
 use crate::gpu::town::TownGroup;
 use crate::medium::{Medium, Phase};
@@ -27,6 +28,7 @@ use crate::shade::town::light::StrokeLights;
 use crate::stroke::Stroke;
 use crate::world::Beam;
 use glam::DVec3;
+use squall_formats::section::town::StreetLamp;
 use std::sync::Arc;
 
 /// The passes of one asset's weather.
@@ -35,6 +37,7 @@ pub struct Weather {
     pub group: RainGroup,
     rain: RainPasses,
     shown: ShownPass,
+    relief: ReliefPass,
     medium: MediumPass,
     spots: SpotPasses,
     frame: Box<RainFrame>,
@@ -54,6 +57,9 @@ struct KeptStroke {
     sky: SkyParameters,
     lights: StrokeLights,
 }
+
+/// Strokes that went out and are kept: they may come back.
+const KEPT_STROKES: usize = 64;
 
 /// Pictures of one size.
 struct Sized {
@@ -94,13 +100,17 @@ impl Weather {
         let group = RainGroup::new(gpu, &tables, found.told);
         let rain = RainPasses::new(gpu, found.frame, &town.layout, &group, &tables);
         let shown = ShownPass::new(gpu, found.frame, &group, found.harmonics);
-        let medium = MediumPass::new(gpu, found.frame, &group);
-        let spots = SpotPasses::new(gpu, [found.frame, &town.layout], &group, &medium.uniform);
+        let layouts = [found.frame, &town.layout];
+        let relief = ReliefPass::new(gpu, layouts, &group);
+        let others = [&relief.heights.view, &town.reach.view];
+        let medium = MediumPass::new(gpu, found.frame, &group, others);
+        let spots = SpotPasses::new(gpu, layouts, &group, (&medium.uniform, &relief.heights.view));
         Self {
             town,
             group,
             rain,
             shown,
+            relief,
             medium,
             spots,
             frame: Box::default(),
@@ -124,20 +134,14 @@ impl Weather {
         (workspace, targets): (&mut Workspace, &Targets),
     ) -> Result<(), RuntimeError> {
         self.rains = frame.weather.rate.0 > 0.0;
-        if !frame.place.covers.is_empty() && self.rains {
-            let wanted = "none on a graphics card: covers of one's own are drawn by the processor";
-            return Err(RuntimeError::argument("rain covers", wanted, frame.place.covers.len()));
-        }
-        if flashes.len() > STROKES {
-            let wanted = format!("at most {STROKES} strokes that flash together on a graphics card");
-            return Err(RuntimeError::argument("flashes", wanted, flashes.len()));
-        }
         self.resize(gpu, targets);
         self.set_spots(gpu, scene, (frame, sky), flashes, targets.scene.is_some());
         let section = scene.rain.as_ref().filter(|_| self.rains);
-        let Some(section) = section else { return self.medium.set(gpu, None, (&[], None)) };
+        let Some(section) = section else { return self.medium.set(gpu, None, (&[], None), [0.0; 4]) };
         let field = scene.rain_place.field(frame);
-        gpu.write(&self.group.field, &[field.uniform()]);
+        let mut uniform = field.uniform();
+        self.group.set_covers(gpu, &frame.place.covers, &mut uniform)?;
+        gpu.write(&self.group.field, &[uniform]);
         self.group.set_map(gpu, field.map());
         let (shot, eye) = (shot_of(frame), frame.camera.position);
         let medium = frame.medium.medium(section, &shot, field.rate(frame.weather.rate))?;
@@ -150,7 +154,11 @@ impl Weather {
         let all = rain::flash_at(flashes, eye, |_| false);
         let far = rain::flash_at(flashes, eye, near);
         self.set_light(gpu, sky, [&drops, medium.phase(), undrawn.phase()], [all, far]);
-        self.set_medium(gpu, scene, (&medium, &field, eye), flashes, near)?;
+        let rate = field.rate(frame.weather.rate);
+        let fall = frame.weather.wind - DVec3::Z * Medium::fall_speed(section, rate)?;
+        let relief =
+            self.relief.set(gpu, rain::covers_of(scene.town.as_ref(), &frame.place), fall, &frame.camera);
+        self.set_medium(gpu, scene, (&medium, &field, eye), flashes, (relief, near))?;
         self.set_drops(gpu, scene, (section, frame), workspace)
     }
 
@@ -183,9 +191,9 @@ impl Weather {
             self.strokes.push(now);
         }
         // A flash that goes out may come back: a few that are dark now stay.
-        kept.truncate(STROKES);
+        kept.truncate(KEPT_STROKES);
         self.strokes.append(&mut kept);
-        self.strokes.truncate(2 * STROKES);
+        self.strokes.truncate(all.len().max(KEPT_STROKES) + KEPT_STROKES);
         Ok(all)
     }
 
@@ -226,17 +234,17 @@ impl Weather {
         scene: &Scene,
         (medium, field, eye): (&Medium, &dyn RainPath, DVec3),
         flashes: &[LitStroke],
-        near: impl Fn(&LitStroke) -> bool,
+        (relief, near): ([f32; 4], impl Fn(&LitStroke) -> bool),
     ) -> Result<(), RuntimeError> {
         let lamps = scene.town.as_ref().map_or(&[][..], |town| town.lamps());
         if lamps.is_empty() && !flashes.iter().any(&near) {
-            return self.medium.set(gpu, Some(medium), (&[], None));
+            return self.medium.set(gpu, Some(medium), (&[], None), relief);
         }
         let spreading = Spreading::of(self.spreading.take(), medium.phase());
-        let mut halos = Halos::new(&spreading, medium, field);
+        let mut halos = Halos::new(&spreading, medium, field).with_walls(scene.town.as_ref());
         halos.add_lamps(lamps, eye);
         flashes.iter().filter(|flash| near(flash)).for_each(|flash| halos.add_stroke(flash, eye));
-        let set = self.medium.set(gpu, Some(medium), (&halos.list(), Some(&spreading)));
+        let set = self.medium.set(gpu, Some(medium), (&halos.list(), Some(&spreading)), relief);
         self.spreading = Some(spreading);
         set
     }
@@ -263,19 +271,17 @@ impl Weather {
         own.flags[3] = u32::from(self.rain.has_choice);
         // Of more lamps than there is room for, the nearest light the drops.
         let lamps = scene.town.as_ref().map_or(&[][..], |town| town.lamps());
-        let mut near: Vec<(f64, &squall_formats::section::town::StreetLamp)> = lamps
-            .iter()
-            .map(|lamp| {
-                (DVec3::from_array(lamp.position.map(f64::from)).distance(frame.camera.position), lamp)
-            })
-            .filter(|(distance, _)| *distance < rain::LAMP_REACH_M)
-            .collect();
+        let away = |place: [f32; 3]| DVec3::from_array(place.map(f64::from)).distance(frame.camera.position);
+        let lamps = lamps.iter().enumerate().map(|lamp| (away(lamp.1.position), lamp));
+        let mut near: Vec<(f64, (usize, &StreetLamp))> =
+            lamps.filter(|(distance, _)| *distance < rain::LAMP_REACH_M).collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         near.truncate(NEAR_LAMPS);
         own.counts[3] = near.len() as u32;
         let four = |[x, y, z]: [f32; 3]| [x, y, z, 0.0];
-        for (slot, (_, lamp)) in own.near_lamps.iter_mut().zip(near) {
-            *slot = NearLamp { position: four(lamp.position), intensity: four(lamp.intensity) };
+        for (slot, (_, (number, lamp))) in own.near_lamps.iter_mut().zip(near) {
+            let [x, y, z] = lamp.position;
+            *slot = NearLamp { position: [x, y, z, number as f32], intensity: four(lamp.intensity) };
         }
         gpu.write(&self.group.frame, &[*own]);
         Ok(())
@@ -336,6 +342,7 @@ impl Weather {
         if self.rains {
             self.rain.find(gpu, recorder, [frame, town, rain], self.frame.flags[0]);
             self.rain.draw(recorder, [frame, rain], &sized.layer.view);
+            self.relief.record(recorder, [frame, town, rain]);
             self.medium.record(recorder, [frame, rain]);
         }
         self.spots.place(recorder, [frame, town, rain]);

@@ -8,25 +8,31 @@ use crate::gpu::frame::{FrameGroup, FrameUniform};
 use crate::gpu::half::{bits_of, value_of};
 use crate::gpu::rain::RainLight;
 use crate::gpu::readback::Readback;
+use crate::gpu::relief::ReliefPass;
 use crate::gpu::shader::SPOTS_PLACE;
 use crate::gpu::shown::ShownPass;
 use crate::gpu::spots::{Spot, SpotFrame, SpotSource};
 use crate::gpu::test_gpu;
+use crate::gpu::town::TownGroup;
 use crate::load::Asset;
 use crate::medium::{Outlook, Phase, PhaseTable};
 use crate::picture::Picture;
-use crate::rain::{Ceiling, RainField, RainMap, RainPath, RainVolume, Region, Shot};
+use crate::rain::{
+    Ceiling, CoverMap, CoveredRain, Covers, RainField, RainMap, RainPath, RainVolume, Region, Shelter, Shot,
+};
 use crate::renderer::halos::Halos;
 use crate::renderer::lit_stroke::LitStroke;
 use crate::shade::streak::StreakSet;
+use crate::shade::town::Town;
 use crate::shade::town::light::StrokeLights;
 use crate::shade::town::line::LineLight;
+use crate::shade::town::tests::small_town;
 use crate::stroke::Stroke;
 use crate::world::{InScattering, Sun, WorldLight};
 use glam::{DVec2, DVec3, Vec3};
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::streak::StreakSection;
-use squall_formats::section::town::StreetLamp;
+use squall_formats::section::town::{Block, Ground, StreetLamp, TownSection};
 use squall_formats::units::{Degrees, Metres, MillimetresPerHour, Seconds};
 use std::sync::Arc;
 
@@ -34,11 +40,11 @@ const SIZE: [u32; 2] = [160, 90];
 
 #[test]
 fn structs_lie_as_the_shaders_have_them() {
-    assert_layout!(MEDIUM, MediumFrame { medium, counts, shells });
-    assert_layout!(MEDIUM, HaloLight { start, radius, end, shape, intensity, extinction, most, pad0 });
+    assert_layout!(MEDIUM, MediumFrame { medium, counts, relief, shells });
+    assert_layout!(MEDIUM, HaloLight { start, radius, end, shape, intensity, extinction, most, number });
     assert_layout!(SPOTS_PLACE, SpotSource { position, stroke, light, sigma });
     assert_layout!(SPOTS_PLACE, Spot { pixel, sigma, reach, light });
-    assert_layout!(SPOTS_PLACE, SpotFrame { counts, strokes });
+    assert_layout!(SPOTS_PLACE, SpotFrame { counts });
 }
 
 fn camera() -> Camera {
@@ -66,6 +72,10 @@ struct Case {
     farthest: Option<f64>,
     phase: Phase,
     halos: bool,
+    /// Blocks, masts and lamps that stand in it; a roof of the caller's; metres across that drops fall for each metre down.
+    town: Option<Town>,
+    roof: Option<Arc<CoverMap>>,
+    lean: [f64; 2],
 }
 
 fn cases() -> Vec<Case> {
@@ -77,6 +87,9 @@ fn cases() -> Vec<Case> {
         farthest: None,
         phase: hg.clone(),
         halos: false,
+        town: None,
+        roof: None,
+        lean: [0.0; 2],
     };
     let ceiling = Some(Ceiling { height: Metres(120.0), softness: Metres(60.0) });
     let region = Some(Region { centre: [30.0, 150.0], radius: Metres(90.0), softness: Metres(80.0) });
@@ -95,7 +108,40 @@ fn cases() -> Vec<Case> {
             volume: RainVolume { ceiling, region: None },
             ..plain("with halos under a ceiling")
         },
+        Case { town: Some(small_town()), lean: [0.2, -0.7], ..plain("in the lee of a tower") },
+        Case {
+            town: Some(small_town()),
+            volume: RainVolume { ceiling, region },
+            lean: [-0.3, 0.4],
+            ..plain("in the lee of a tower in bounds")
+        },
+        Case { roof: Some(roof()), lean: [0.5, 0.3], ..plain("under a roof of the caller's") },
+        Case { halos: true, town: Some(walled_lamp()), ..plain("with walls before lamps") },
     ]
+}
+
+/// A lamp behind a low wall, and one beside it.
+fn walled_lamp() -> Town {
+    let wall = Block {
+        centre: [2.0, 14.0],
+        half: [4.0, 0.5],
+        foot: 0.0,
+        height: 6.0,
+        yaw: 0.3,
+        albedo: [0.3; 3],
+        windows: None,
+    };
+    let lamps = [[2.0, 20.0, 5.0], [-6.0, 12.0, 5.0]];
+    let lamps = lamps.map(|position| StreetLamp { position, intensity: [90.0, 70.0, 30.0] }).to_vec();
+    Town::new(&TownSection { ground: Ground::default(), blocks: vec![wall], lamps, hills: None })
+}
+
+/// A roof 30 m wide and 40 m long that the camera looks under, with a hole in it.
+fn roof() -> Arc<CoverMap> {
+    let tops: Vec<f32> = (0..12).map(|i| if i == 5 { f32::NAN } else { 12.0 + i as f32 }).collect();
+    let undersides = tops.iter().map(|top| top - 0.5).collect();
+    let corner = DVec3::new(-15.0, -5.0, 0.0);
+    Arc::new(CoverMap::roofs(corner, Metres(10.0), [3, 4], undersides, tops).unwrap())
 }
 
 /// Lamps near and far, one of them behind the eye, and a stroke in sight.
@@ -116,6 +162,11 @@ fn stroke() -> LitStroke {
     let middle = DVec3::new(230.0, 880.0, 300.0);
     let images = vec![line(ends[0], middle), line(middle, ends[1])].into();
     LitStroke { stroke, scale: [1.0, 0.5, 2.0], lights: StrokeLights { images, points: Vec::new() } }
+}
+
+/// What keeps a case's rain off.
+fn covers_of<'a>(case: &'a Case, roofs: &'a [Arc<CoverMap>]) -> Covers<'a> {
+    Covers { first: case.town.as_ref().filter(|_| !case.halos).map(|town| town as &dyn Shelter), maps: roofs }
 }
 
 /// The same picture, and what is left of it.
@@ -155,12 +206,19 @@ fn by_the_card(
     (medium, field, phase): (&Medium, RainField<'_>, &Phase),
     ranges: &[f32],
     (halos, spreading): (&Halos<'_>, &Spreading),
+    (case, fall): (&Case, DVec3),
 ) -> (Vec<[u16; 4]>, Vec<f32>) {
     let frame = FrameGroup::new(gpu);
     frame.set(gpu, &FrameUniform::of_camera(camera, 1.0));
     let mut group = RainGroup::new(gpu, &StreakSet::new(&StreakSection::default()).tables(), &told(gpu));
-    gpu.write(&group.field, &[field.uniform()]);
+    let roofs: Vec<Arc<CoverMap>> = case.roof.iter().cloned().collect();
+    let mut place = field.uniform();
+    group.set_covers(gpu, &roofs, &mut place).unwrap();
+    gpu.write(&group.field, &[place]);
     group.set_map(gpu, field.map());
+    let town = TownGroup::new(gpu, case.town.as_ref());
+    let mut relief = ReliefPass::new(gpu, [&frame.layout, &town.layout], &group);
+    let dry = relief.set(gpu, covers_of(case, &roofs), fall, camera);
     let mut uniform = RainLight { phases: [phase.numbers(); 3], ..RainLight::default() };
     let [x, y, z] = sun.towards.to_array();
     let [r, g, b] = sun.irradiance;
@@ -169,8 +227,9 @@ fn by_the_card(
     let harmonics = gpu.storage("harmonics", &world.all_coefficients());
     let mut shown = ShownPass::new(gpu, &frame.layout, &group, &harmonics);
     shown.set_phases(gpu, &group, [phase; 3]);
-    let mut pass = MediumPass::new(gpu, &frame.layout, &group);
-    pass.set(gpu, Some(medium), (&halos.list(), Some(spreading))).unwrap();
+    let others = [&relief.heights.view, &town.reach.view];
+    let mut pass = MediumPass::new(gpu, &frame.layout, &group, others);
+    pass.set(gpu, Some(medium), (&halos.list(), Some(spreading)), dry).unwrap();
     let picture = gpu.target("picture", SIZE, LIGHT);
     let (width, height) = (SIZE[0] as usize, SIZE[1] as usize);
     let each = (0..width * height).map(|i| (i % width, i / width));
@@ -186,6 +245,7 @@ fn by_the_card(
     let (mut clock, mut back) = (Clock::new(gpu), Readback::new(gpu));
     let mut recorder = clock.record(false);
     shown.record(&mut recorder, &frame.group);
+    relief.record(&mut recorder, [&frame.group, &town.group, &group.group]);
     pass.record(&mut recorder, [&frame.group, &group.group]);
     back.copy(&mut recorder.encoder, pass.left.as_ref().unwrap());
     recorder.submit();
@@ -225,19 +285,39 @@ fn a_picture_behind_rain_is_the_processors_in_every_kind_of_rain() {
         let medium = Medium::beside_streaks(&section, &shot, rate).unwrap().with_phase(case.phase.clone());
         let light = medium.in_scattering(&world);
         let spreading = Spreading::of(None, medium.phase());
-        let mut halos = Halos::new(&spreading, &medium, &field);
+        let mut halos = Halos::new(&spreading, &medium, &field).with_walls(case.town.as_ref());
         if case.halos {
-            halos.add_lamps(&lamps(), camera.position);
+            let own = lamps();
+            halos.add_lamps(case.town.as_ref().map_or(&own[..], |town| town.lamps()), camera.position);
             halos.add_stroke(&stroke(), camera.position);
         }
 
+        if let Some(town) = case.town.as_ref().filter(|_| case.halos) {
+            let mut open = Halos::new(&spreading, &medium, &field);
+            open.add_lamps(town.lamps(), camera.position);
+            let light = |halos: &Halos<'_>, i: u32| {
+                let ray = camera.ray(f64::from(i % SIZE[0]), f64::from(i / SIZE[0]));
+                halos.radiance(&ray, 300.0, [0.1; 3])[0]
+            };
+            let is_shaded = |i: &u32| light(&halos, *i) < 0.9 * light(&open, *i);
+            assert!((0..SIZE[0] * SIZE[1]).filter(is_shaded).count() > 500, "walls keep nothing off");
+        }
         let (width, height) = (SIZE[0] as usize, SIZE[1] as usize);
         let each = || (0..width * height).map(|i| (i % width, i / width));
         let ranges: Vec<f32> = each().map(|(x, y)| metres(x, y)).collect();
-        let (wanted, wanted_left) = by_the_processor(&camera, (&medium, field, &light), &ranges, &halos);
+        let fall = DVec3::new(case.lean[0], case.lean[1], -1.0) * 6.0;
+        let roofs: Vec<Arc<CoverMap>> = case.roof.iter().cloned().collect();
+        let covered = CoveredRain::new(field, covers_of(&case, &roofs), fall, &camera);
+        let (wanted, wanted_left) = by_the_processor(&camera, (&medium, covered, &light), &ranges, &halos);
+        if case.town.is_some() && !case.halos || case.roof.is_some() {
+            let (_, open) = by_the_processor(&camera, (&medium, field, &light), &ranges, &halos);
+            let more = open.iter().zip(&wanted_left).filter(|(open, left)| **left > **open + 2.0 * LEFT);
+            assert!(more.count() > 100, "{}: nothing is dry", case.name);
+        }
 
         let of = (&medium, field, &case.phase);
-        let (texels, left) = by_the_card(&gpu, (&camera, &world, sun), of, &ranges, (&halos, &spreading));
+        let lights = (&halos, &spreading);
+        let (texels, left) = by_the_card(&gpu, (&camera, &world, sun), of, &ranges, lights, (&case, fall));
         let (mut miss, mut whole, mut worst) = (0.0, 0.0, 0.0f32);
         for (i, wanted) in wanted.iter().enumerate() {
             worst = worst.max((left[i] - wanted_left[i]).abs());

@@ -3,7 +3,7 @@
 use super::{RAY_SLOTS, TownGroup};
 use crate::error::RuntimeError;
 use crate::gpu::binding::Slot;
-use crate::gpu::memory::{Held, Image};
+use crate::gpu::memory::Held;
 use crate::gpu::rain::plain;
 use crate::gpu::{Gpu, LARGEST_BINDING};
 use crate::shade::town::Town;
@@ -36,11 +36,11 @@ plain! {
         seed: u32,
         roads: u32,
         lamps: u32,
-        maps_across: u32,
+        pad: u32,
     }
 }
 
-/// Maps of lamps that lie side by side in their texture; and the most rows of them, within WebGPU's 8192 texels.
+/// `MAPS_ACROSS` of lamp_reach.wgsl, maps of lamps that lie side by side in their texture; and the most rows of them, within WebGPU's 8192 texels.
 pub const MAPS_ACROSS: usize = 128;
 /// Blocks whose numbers fit beside the wall's and the kind in what is kept of a pixel.
 const MOST_BLOCKS: usize = 1 << 24;
@@ -72,7 +72,6 @@ pub struct TownSurfaces {
     pub group: wgpu::BindGroup,
     _ground: Held<wgpu::Buffer>,
     _lists: [Held<wgpu::Buffer>; 2],
-    _reach: Image,
 }
 
 impl TownSurfaces {
@@ -85,15 +84,8 @@ impl TownSurfaces {
         let ground = gpu.uniform::<TownGround>("ground");
         gpu.write(&ground, &[materials.ground]);
         let lists = [gpu.list("walls", materials.walls), gpu.list("roads and lamps", materials.parts)];
-        let format = wgpu::TextureFormat::Rg32Uint;
-        let kind = (wgpu::TextureDimension::D2, format);
-        let [width, height] = materials.reach_size;
-        let reach = gpu.texture("what lamps reach", [width, height, 1], kind, wgpu::TextureUsages::empty());
-        if !materials.reach.is_empty() {
-            gpu.fill(&reach, &materials.reach);
-        }
-        let own = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Whole];
-        let layout = gpu.layout("town's surfaces", &[RAY_SLOTS, own].concat());
+        let own = [Slot::Uniform, Slot::Read, Slot::Read];
+        let layout = gpu.layout("town's surfaces", &[&RAY_SLOTS[..], &own].concat());
         let [nodes, boxes, heights] = rays.lists.each_ref().map(|list| list.as_entire_binding());
         let [walls, parts] = lists.each_ref().map(|list| list.as_entire_binding());
         let resources = [
@@ -101,12 +93,12 @@ impl TownSurfaces {
             nodes,
             boxes,
             heights,
+            rays.reach.binding(),
             ground.as_entire_binding(),
             walls,
             parts,
-            wgpu::BindingResource::TextureView(&reach.view),
         ];
         let group = gpu.group("town's surfaces", &layout, &resources);
-        Ok(Self { layout, group, _ground: ground, _lists: lists, _reach: reach })
+        Ok(Self { layout, group, _ground: ground, _lists: lists })
     }
 }

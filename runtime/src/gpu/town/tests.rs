@@ -44,7 +44,7 @@ fn structs_lie_as_the_shaders_have_them() {
     assert_layout!(TOWN_NODES, TownPart { a, b, c });
     assert_layout!(
         TOWN_NODES,
-        TownGround { albedo, wetness, shores, puddle_size, ripple, seed, roads, lamps, maps_across }
+        TownGround { albedo, wetness, shores, puddle_size, ripple, seed, roads, lamps }
     );
 }
 

@@ -7,6 +7,8 @@ use crate::gpu::medium::HaloLight;
 const LAMP: f32 = 0.0;
 const LINE: f32 = 1.0;
 const BALL: f32 = 2.0;
+/// What no walls stand before.
+const NO_LAMP: u32 = u32::MAX;
 
 impl Spreading {
     /// The tables: what is scattered once; the source of what is scattered more often, and what is seen of that.
@@ -25,6 +27,10 @@ impl Halos<'_> {
                 Shape::Line(ends) => (ends, 0.5 * ends[0].distance(ends[1]), LINE),
                 Shape::Ball(place, radius) => ([place; 2], radius, BALL),
             };
+            let number = match halo.shape {
+                Shape::Lamp(_, number) if self.walls.is_some() => number as u32,
+                _ => NO_LAMP,
+            };
             let [start, end] = ends.map(|end| end.as_vec3().to_array());
             HaloLight {
                 start,
@@ -34,7 +40,8 @@ impl Halos<'_> {
                 intensity: halo.intensity,
                 extinction: halo.extinction as f32,
                 most: halo.most.map(|most| most.min(1e30) as f32),
-                pad0: [0.0; 2],
+                number,
+                pad: 0,
             }
         });
         each.collect()

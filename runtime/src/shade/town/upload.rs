@@ -6,12 +6,16 @@ use crate::gpu::town::{TownBox, TownNode, TownPlace};
 use glam::Vec2;
 use squall_formats::section::town::Block;
 
-/// What rays meet, in flat lists.
+/// What rays meet, in flat lists, and what lamps reach.
+#[derive(Default)]
 pub struct TownTables {
     pub place: TownPlace,
     pub nodes: Vec<TownNode>,
     pub boxes: Vec<TownBox>,
     pub heights: Vec<f32>,
+    /// Metres and box by direction from each lamp.
+    pub reach: Vec<[u32; 2]>,
+    pub reach_size: [u32; 2],
 }
 
 /// What a town is made of, in flat lists.
@@ -21,8 +25,6 @@ pub struct TownMaterials {
     pub walls: Vec<TownWall>,
     /// Roads, then lamps.
     pub parts: Vec<TownPart>,
-    pub reach: Vec<[u32; 2]>,
-    pub reach_size: [u32; 2],
 }
 
 fn wall(block: &Block) -> TownWall {
@@ -56,15 +58,13 @@ impl Town {
     /// What it is made of.
     pub(crate) fn materials(&self) -> TownMaterials {
         let (mut ground, mut parts) = self.material.upload();
-        let (reach, reach_size) = self.lamp_texels();
         ground.lamps = self.lamps.len() as u32;
-        ground.maps_across = reach_size[0] / super::lamps::SIDE as u32;
         parts.extend(self.lamps.iter().map(|lamp| {
             let ([x, y, z], [r, g, b]) = (lamp.position, lamp.intensity);
             TownPart { a: [x, y, z, 0.0], b: [r, g, b, r + g + b], c: [0.0; 4] }
         }));
         let walls = self.boxes.order().iter().map(|&number| wall(&self.blocks[number as usize])).collect();
-        TownMaterials { ground, walls, parts, reach, reach_size }
+        TownMaterials { ground, walls, parts }
     }
 
     /// What rays meet.
@@ -73,6 +73,8 @@ impl Town {
         let heights = self.hills.as_ref().map_or_else(Vec::new, |hills| hills.upload(&mut place).to_vec());
         let (nodes, boxes) = (self.boxes.node_list(), self.boxes.box_list());
         (place.counts[2], place.counts[3]) = (nodes.len() as u32, self.lamps.len() as u32);
-        TownTables { place, nodes, boxes, heights }
+        place.top[1] = self.boxes.top().unwrap_or(0.0);
+        let (reach, reach_size) = self.lamp_texels();
+        TownTables { place, nodes, boxes, heights, reach, reach_size }
     }
 }
