@@ -13,8 +13,8 @@ use glam::DVec3;
 use squall_formats::section::town::StreetLamp;
 use squall_formats::units::{MillimetresPerHour, Seconds};
 
-/// Share of the sky's mean radiance that counts as the darkest that stands behind a halo, which rain before it brings near that mean: what adds no more than a ten-thousandth of
-/// that is left out. What a flash adds to the picture must not matter here.
+/// Share of the sky's mean radiance that counts as the darkest that stands behind a halo, since rain before it brings it near that mean:
+/// what adds no more than a ten-thousandth of that is left out. What a flash adds to the picture must not matter here.
 const DARK_OF_SKY: f32 = 1.0;
 /// The same as an albedo of ground that the brightest lamp lights from this distance, m, for skies without light.
 const DARK_ALBEDO: f32 = 1e-3;
