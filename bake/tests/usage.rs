@@ -137,8 +137,12 @@ fn what_an_asset_cannot_do_is_told_in_the_options_own_words_before_the_work() {
 #[test]
 fn numbers_below_zero_stand_behind_every_option_of_numbers() {
     let place = Place::new();
-    place.done("export ASSET --light crown --viewer -50,0,0 -o e.npy");
-    place.refused("rain c.png --depth d --vertical-fov 9 --rate 5 --wind -3,0,0 -o r.png", 3, "c.png: cannot read");
+    place.done("export ASSET --light inside --viewer -50,0,0 -o e.npy");
+    place.refused(
+        "rain c.png --depth d --vertical-fov 9 --rate 5 --wind -3,0,0 -o r.png",
+        3,
+        "c.png: cannot read",
+    );
 }
 
 #[test]
@@ -206,7 +210,10 @@ fn frames_of_other_settings_are_drawn_again_and_that_is_said() {
         let first = place.bytes(&format!("new/f.00.{form}"));
         assert_eq!(kept("--rate 5 --resume").0, Some(2));
         let (count, said) = kept("--rate 20 --resume");
-        assert!(count == Some(0) && said.contains("2 frames were there, not drawn with these settings"), "{said}");
+        assert!(
+            count == Some(0) && said.contains("2 frames were there, not drawn with these settings"),
+            "{said}"
+        );
         assert!(place.bytes(&format!("new/f.00.{form}")) != first);
     }
 }
