@@ -112,12 +112,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let tone = Tone { exposure, ..Tone::default() };
     out.write(&shown, &tone)?;
     bars.say(&format!(
-        "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
+        "{}: {} {} on {} virtual sources in {:.2} ms, {}, exposure {exposure:.3e}; {:.2} s",
         out.name(),
         report.lights,
+        if report.lights == 1 { "lamp" } else { "lamps" },
         report.sources,
         report.relight_ms,
-        100.0 * report.error_bound,
+        bound(&report),
         start.elapsed().as_secs_f64(),
     ));
     let mut summary = json!({
@@ -151,6 +152,16 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     summary["picture"] = json!(args.out.to_string_lossy());
     summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
     answer::answer(&summary)
+}
+
+/// How far off the light may be, in words: the bound is of light from rows alone, and holds neither for lamps that were solved for nor
+/// for light that was gathered anew.
+fn bound(report: &RelitReport) -> String {
+    match (&report.gathered, &report.live) {
+        (Some(_), _) => "gathered anew".into(),
+        (None, Some(live)) => format!("solved live to a residual of {:.1e}", live.residual),
+        (None, None) => format!("error bound {:.2} %", 100.0 * report.error_bound),
+    }
 }
 
 /// What was solved for on the spot, in words, if anything was.
