@@ -84,7 +84,7 @@ fn direct_evaluation_stands_beside_the_table() {
 }
 
 #[test]
-fn arguments_out_of_range_exit_3_with_one_line_that_names_the_range() {
+fn arguments_out_of_an_assets_range_exit_3_with_one_line_and_those_of_no_picture_exit_2() {
     let folder = tempfile::tempdir().unwrap();
     let asset = asset(folder.path());
     for (arguments, words) in [
@@ -95,8 +95,14 @@ fn arguments_out_of_range_exit_3_with_one_line_that_names_the_range() {
         ("--rate 2 --exposure-ms 34", "1 to 33 ms"),
         ("--rate 2 --min-px 9", "10 to 200 px"),
         ("--rate 2 --max-px 201", "10 to 200 px"),
-        ("--rate NaN", "rate"),
         ("--rate 0", "rate"),
+    ] {
+        let (code, out, error) = query(&asset, &format!("{arguments} --json"));
+        assert!(code == 3 && !out.contains("total"), "{arguments}: {out} {error}");
+        assert!(error.contains(words) && error.lines().count() == 1, "{arguments}: {error}");
+    }
+    for (arguments, words) in [
+        ("--rate NaN", "rate"),
         ("--rate -3", "rate"),
         ("--rate inf", "rate"),
         ("--rate 2 --fov 0", "fov"),
@@ -109,8 +115,7 @@ fn arguments_out_of_range_exit_3_with_one_line_that_names_the_range() {
         ("--rate 2 --min-px 50 --max-px 50", "min-px"),
     ] {
         let (code, out, error) = query(&asset, &format!("{arguments} --json"));
-        assert!(code == 3 && !out.contains("total"), "{arguments}: {out} {error}");
-        assert!(error.contains(words) && error.lines().count() == 1, "{arguments}: {error}");
+        assert!(code == 2 && out.is_empty() && error.contains(words), "{arguments}: {out} {error}");
     }
     assert_eq!(query(&asset, "--rate much").0, 2);
     assert_eq!(query(&asset, "--rate 2 --mode papers").0, 2);

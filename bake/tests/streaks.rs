@@ -95,7 +95,7 @@ fn bad_pictures_and_settings_have_one_clear_error() {
         assert_eq!(error.trim_end().lines().count(), 1, "{error}");
     }
     let (code, _, error) = squall(&["streaks", "fit", good, "--cosines", "1025"]);
-    assert!(code == 3 && error.contains("0 to 1024"), "{error}");
+    assert!(code == 2 && error.contains("0..=64"), "{error}");
     let (code, _, error) = squall(&["streaks", "fit", good, "--method", "papers"]);
     assert!(code == 2 && error.contains("paper, fourier"), "{error}");
     assert_eq!(squall(&["streaks", "fit"]).0, 2);

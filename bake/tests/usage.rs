@@ -92,6 +92,8 @@ fn a_bad_value_of_an_option_is_bad_usage_that_names_the_option() {
         ("render ASSET -o a.png --size 64 36 --size 2 2", "--size"),
         ("render ASSET -o a.png --size 0 9", "--size"),
         ("render ASSET -o a.png --rate -1", "--rate"),
+        ("render ASSET -o a.png --report - --json", "--json prints to standard output"),
+        ("render ASSET -o - --report -", "standard output takes one output"),
         ("render ASSET -o a.png --fov 0", "--fov"),
         ("render ASSET -o a.png --g 1", "--g"),
         ("render ASSET -o a.png --exposure-ms -5", "--exposure-ms"),
@@ -137,7 +139,7 @@ fn what_an_asset_cannot_do_is_told_in_the_options_own_words_before_the_work() {
 #[test]
 fn numbers_below_zero_stand_behind_every_option_of_numbers() {
     let place = Place::new();
-    place.done("export ASSET --light crown --viewer -50,0,0 -o e.npy");
+    place.done("export ASSET --light inside --viewer -50,0,0 -o e.npy");
     place.refused(
         "rain c.png --depth d --vertical-fov 9 --rate 5 --wind -3,0,0 -o r.png",
         3,
@@ -208,7 +210,11 @@ fn frames_of_other_settings_are_drawn_again_and_that_is_said() {
         };
         assert_eq!(kept("--rate 5").0, Some(0));
         let first = place.bytes(&format!("new/f.00.{form}"));
-        assert_eq!(kept("--rate 5 --resume").0, Some(2));
+        let (count, said) = kept("--rate 5 --resume --report r.json");
+        assert!(
+            count == Some(2) && said.contains("nothing was drawn") && !place.path("r.json").exists(),
+            "{said}"
+        );
         let (count, said) = kept("--rate 20 --resume");
         assert!(
             count == Some(0) && said.contains("2 frames were there, not drawn with these settings"),

@@ -22,10 +22,13 @@ pub fn failure(command: &str, failure: &anyhow::Error) {
     let _ = table::print(&format!("{:#}\n", json!({ "command": command, "error": error })));
 }
 
-/// Ends the command as clap does, where `--json` and an output both want standard output (exit code 2).
+/// Ends the command as clap does, where more than one of `--json` and the outputs want standard output (exit code 2).
 pub fn check_stdout(json: bool, outputs: &[&Path]) {
-    if json && outputs.iter().any(|path| matches!(Place::of(path), Ok(Place::Stdout))) {
-        usage("--json prints to standard output, which an output is written to already");
+    let taken = outputs.iter().filter(|path| matches!(Place::of(path), Ok(Place::Stdout))).count();
+    match (json, taken) {
+        (true, 1..) => usage("--json prints to standard output, which an output is written to already"),
+        (false, 2..) => usage("standard output takes one output, and two are to go there"),
+        _ => {}
     }
 }
 

@@ -136,11 +136,13 @@ fn parse_mode(text: &str) -> Result<Mode, String> {
 }
 
 fn parse_aspect(text: &str) -> Result<f64, String> {
-    let number = |text: &str| text.trim().parse::<f64>().map_err(|error| error.to_string());
-    match text.split_once(':') {
-        Some((width, height)) => Ok(number(width)? / number(height)?),
-        None => number(text),
-    }
+    let found = match text.split_once(':') {
+        Some((width, height)) => {
+            number::positive(width).and_then(|width| Ok(width / number::positive(height)?))
+        }
+        None => number::positive(text),
+    };
+    found.map_err(|_| "wanted a width and a height above 0 such as 16:9, or their ratio".into())
 }
 
 #[cfg(test)]

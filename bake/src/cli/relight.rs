@@ -116,12 +116,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let tone = Tone { exposure, ..Tone::default() };
     out.write(&shown, &tone)?;
     bars.say(&format!(
-        "{}: {} lamps on {} virtual sources in {:.2} ms, error bound {:.2} %, exposure {exposure:.3e}; {:.2} s",
+        "{}: {} {} on {} virtual sources in {:.2} ms, {}, exposure {exposure:.3e}; {:.2} s",
         out.name(),
         report.lights,
+        if report.lights == 1 { "lamp" } else { "lamps" },
         report.sources,
         report.relight_ms,
-        100.0 * report.error_bound,
+        bound(&report),
         start.elapsed().as_secs_f64(),
     ));
     let mut summary = json!({
@@ -167,6 +168,16 @@ fn note_means(report: &RelitReport, camera: &Camera) -> Option<String> {
             report.lights
         )
     })
+}
+
+/// How far off the light may be, in words: the bound is of light from rows alone, and holds neither for lamps that were solved for nor
+/// for light that was gathered anew.
+fn bound(report: &RelitReport) -> String {
+    match (&report.gathered, &report.live) {
+        (Some(_), _) => "gathered anew".into(),
+        (None, Some(live)) => format!("solved live to a residual of {:.1e}", live.residual),
+        (None, None) => format!("error bound {:.2} %", 100.0 * report.error_bound),
+    }
 }
 
 /// What was solved for on the spot, in words, if anything was.

@@ -303,6 +303,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 /// Says who drew, where that is not who was asked, and writes what the last picture took.
+///
+/// Of frames that were all kept nothing was drawn, and no report is written.
 fn told(args: &Args, backend: &Backend, renderer: &StormRenderer, bars: &Bars) -> anyhow::Result<()> {
     if let Some(words) = backend.words() {
         bars.say(&words);
@@ -338,7 +340,11 @@ fn draw_frames(
         args.out.display(),
         made.streaks
     ));
-    told(args, backend, renderer, bars)?;
+    if made.kept < count {
+        told(args, backend, renderer, bars)?;
+    } else if let Some(report) = &args.report {
+        bars.warn(&format!("{}: not written, as nothing was drawn", report.display()));
+    }
     if !args.json {
         return Ok(());
     }

@@ -5,23 +5,21 @@ use squall_bake::input::picture::note_of;
 use squall_bake::picture::Note;
 use squall_bake::provenance::tool;
 use squall_runtime::Frame;
-use squall_runtime::renderer::Layer;
 use squall_runtime::tone::Tone;
 
 /// Keyword of a PNG's text chunk, name of an OpenEXR's attribute.
 const KEYWORD: &str = "squall frame";
 
-/// Hashes all that a frame's bytes follow from: program, asset, development, layers, and the frame itself with its weather and flashes.
-/// What draws is not among it: a graphics card draws the same picture within its tolerances.
+/// Hashes all that a frame's light follows from: program, asset, development, and the frame itself with its weather and flashes.
+/// Layers are not among it: which a file has, its channels say. Nor is what draws: a graphics card draws the same picture within its tolerances.
 pub struct Marks(blake3::Hasher);
 
 impl Marks {
     /// Takes in what all frames share. `asset` is its bytes.
-    pub fn new(asset: &[u8], tone: &Tone, layers: &[Layer]) -> Self {
+    pub fn new(asset: &[u8], tone: &Tone) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(blake3::hash(asset).as_bytes());
-        let names: Vec<&str> = layers.iter().map(|layer| layer.name()).collect();
-        hasher.update(format!("{}\n{tone:?}\n{names:?}\n", tool()).as_bytes());
+        hasher.update(format!("{}\n{tone:?}\n", tool()).as_bytes());
         Self(hasher)
     }
 

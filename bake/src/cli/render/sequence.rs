@@ -117,7 +117,7 @@ impl Sequence<'_> {
         }
         let mut made = Made::default();
         let (mut folder, places) = self.places()?;
-        let marks = Marks::new(renderer.asset().bytes(), tone, self.layers);
+        let marks = Marks::new(renderer.asset().bytes(), tone);
         bars.begin("frames", count);
         for (done, (number, (path, form))) in (self.range.first..self.range.end).zip(places).enumerate() {
             bars.check()?;

@@ -62,8 +62,9 @@ impl Value {
 const LEAF: i32 = 8;
 const MIDDLE: i32 = 128;
 const UPPER: i32 = 4096;
-/// Leaves and tiles of a tree: a box of 2²⁸ voxels holds 2¹⁹ of 8³ voxels, and its faces cut no more again.
-const MOST_PARTS: usize = 1 << 20;
+/// Leaves and tiles of a tree. A box of 2²⁸ voxels that is one voxel thick has 2²² leaves of 8 × 8 × 1; along its edges a leaf more. (A line of more
+/// voxels than 40 million has more, and is refused.)
+const MOST_PARTS: usize = 5 << 20;
 
 /// A box of voxels, both ends included.
 #[derive(Clone, Copy)]
