@@ -147,7 +147,7 @@ impl Scene {
             None => InScattering::dark(phase),
         };
         let mirrored = (sun, &wet);
-        self.draw_rain(frame, (sky, around, in_rain, &drops), mirrored, &flashes, memory, &mut report)?;
+        self.draw_rain(frame, (sky, around, in_rain, &drops), mirrored, &flashes, (memory, &mut report))?;
         memory.surrounding = surrounding;
         memory.dry = dry.map(DryAir::into_tiles);
         Ok(report)
@@ -230,8 +230,7 @@ impl Scene {
         (sky, around, in_rain, drops): (&Sky, [f32; 3], impl FnMut(&Phase) -> InScattering, &InScattering),
         (sun, wet): (Option<Sun>, &TownRain<'_>),
         flashes: &[LitStroke],
-        memory: &mut Memory,
-        report: &mut FrameReport,
+        (memory, report): (&mut Memory, &mut FrameReport),
     ) -> Result<(), RuntimeError> {
         let mut watch = Watch::new(memory.clock);
         let (camera, cloud, town) = (&frame.camera, self.cloud_grid(), self.town.as_ref());

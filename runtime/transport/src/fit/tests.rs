@@ -26,7 +26,10 @@ fn off(fit: &HatFit, read: &[f32], wanted: &[f32]) -> f64 {
     let cells = fit.weights.iter().zip(read.iter().zip(wanted));
     let sum = cells.fold((0.0, 0.0), |(off, size), (&weight, (&x, &r))| {
         let weight = f64::from(weight);
-        (off + weight * f64::from(x - r).powi(2), size + weight * f64::from(r).powi(2))
+        {
+            let (error, value) = (f64::from(x - r), f64::from(r));
+            (off + weight * error * error, size + weight * value * value)
+        }
     });
     (sum.0 / sum.1).sqrt()
 }
