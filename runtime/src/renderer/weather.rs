@@ -58,8 +58,8 @@ struct KeptStroke {
     lights: StrokeLights,
 }
 
-/// Strokes that went out and are kept: they may come back.
-const KEPT_STROKES: usize = 64;
+/// Most strokes that flash together, and most of those that went out and are kept: they may come back.
+const STROKES: usize = 64;
 
 /// Pictures of one size.
 struct Sized {
@@ -134,6 +134,10 @@ impl Weather {
         (workspace, targets): (&mut Workspace, &Targets),
     ) -> Result<(), RuntimeError> {
         self.rains = frame.weather.rate.0 > 0.0;
+        if flashes.len() > STROKES {
+            let wanted = format!("at most {STROKES} strokes that flash together on a graphics card");
+            return Err(RuntimeError::argument("flashes", wanted, flashes.len()));
+        }
         self.resize(gpu, targets);
         self.set_spots(gpu, scene, (frame, sky), flashes, targets.scene.is_some());
         let section = scene.rain.as_ref().filter(|_| self.rains);
@@ -191,9 +195,9 @@ impl Weather {
             self.strokes.push(now);
         }
         // A flash that goes out may come back: a few that are dark now stay.
-        kept.truncate(KEPT_STROKES);
+        kept.truncate(STROKES);
         self.strokes.append(&mut kept);
-        self.strokes.truncate(all.len().max(KEPT_STROKES) + KEPT_STROKES);
+        self.strokes.truncate(2 * STROKES);
         Ok(all)
     }
 
