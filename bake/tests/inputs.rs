@@ -268,10 +268,12 @@ fn documented_ends_of_the_view_are_inside_and_messages_use_the_recipes_units() {
 fn negative_numbers_are_numbers_on_the_command_line() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("x"), b"no asset").unwrap();
-    for flag in ["--time", "--rate", "--stops"] {
+    for flag in ["--time", "--stops"] {
         let (code, _, error) = squall(folder.path(), &["render", "x", "-o", "x.png", flag, "-5"]);
         assert!(code == 3 && error.contains("squall asset"), "{flag} {code}: {error}");
     }
+    let (code, _, error) = squall(folder.path(), &["render", "x", "-o", "x.png", "--rate", "-5"]);
+    assert!(code == 2 && !error.contains("unexpected argument"), "{code}: {error}");
     let (code, _, error) = squall(folder.path(), &["query", "x", "density", "--rate", "5", "--aspect", "-1"]);
     assert!(code == 3 && !error.contains("unexpected argument"), "{code}: {error}");
 }

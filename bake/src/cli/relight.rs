@@ -163,8 +163,8 @@ fn note_means(report: &RelitReport, camera: &Camera) -> Option<String> {
     let pixels = u64::from(camera.width) * u64::from(camera.height);
     (!report.exact_direct).then(|| {
         format!(
-            "note: direct light is read from means per cell: {} lamps times {pixels} pixels are more than {EXACT_WORK}, up to which it \
-             is followed for every ray",
+            "note: direct light is read from means per cell: lamps outside of what was baked, of {} in all, times {pixels} pixels are more \
+             than {EXACT_WORK}, up to which it is followed for every ray",
             report.lights
         )
     })

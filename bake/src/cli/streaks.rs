@@ -8,6 +8,7 @@ use super::json;
 use super::picture::{Format, PictureFile};
 use squall_bake::BakeError;
 use squall_bake::input::picture::{grey_of, picture_file};
+use squall_bake::output::Place;
 use squall_bake::progress::Progress;
 use squall_bake::streak::{self, FitSettings, Method, Source, preview};
 use std::path::{Path, PathBuf};
@@ -88,9 +89,16 @@ fn preview_file(path: &Path) -> Result<PictureFile, BakeError> {
     })
 }
 
+/// Standard output has the table, or the object in its place, and takes no sheet beside it.
+fn check_table(outputs: &[&Path]) {
+    if outputs.iter().any(|path| matches!(Place::of(path), Ok(Place::Stdout))) {
+        json::usage("standard output has the table of streaks: --preview takes a file");
+    }
+}
+
 fn fit(args: &Fit) -> anyhow::Result<()> {
     let outputs: Vec<&Path> = args.preview.iter().map(PathBuf::as_path).collect();
-    json::check_stdout(args.json, &outputs);
+    check_table(&outputs);
     check_apart(&outputs, args.pictures.iter())?;
     let preview = args.preview.as_deref().map(preview_file).transpose()?;
     let bars = args.common.start()?;

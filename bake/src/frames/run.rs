@@ -216,7 +216,12 @@ impl Work<'_> {
             }
         }
         for (path, stream) in streams {
-            stream.end(&path)?;
+            // A list that lacks a frame's lines is not what the manifest says, and takes no other's place.
+            if self.given.again.is_some() && records.iter().any(|record| record.error.is_some()) {
+                stream.drop_part(&path)?;
+            } else {
+                stream.end(&path)?;
+            }
         }
         pending::set_note(None);
         Ok((records, kept))

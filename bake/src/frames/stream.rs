@@ -60,7 +60,16 @@ impl Stream {
         Ok(self.bytes)
     }
 
-    /// The list is whole: it gets its name.
+    /// The list is not to be: what was written of it goes.
+    ///
+    /// Errors: the system's refusals.
+    pub fn drop_part(self, path: &Path) -> Result<(), BakeError> {
+        std::fs::remove_file(&self.part).map_err(BakeError::io(path, "remove what was written beside"))
+    }
+
+    /// The list is whole: it takes its name.
+    ///
+    /// Errors: the system's refusals.
     pub fn end(self, path: &Path) -> Result<(), BakeError> {
         self.file.sync_all().map_err(BakeError::io(path, "write"))?;
         std::fs::rename(&self.part, path).map_err(BakeError::io(path, "rename into place"))

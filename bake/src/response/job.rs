@@ -6,9 +6,9 @@ use crate::error::BakeError;
 use crate::recipe::model::ResponseSettings;
 use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows, Stored, SunDirections};
 use squall_runtime::relight::PointLight;
-use squall_runtime::transport::Cloud;
 use squall_runtime::transport::cloud::CoarseIndex;
 use squall_runtime::transport::fit::{HatFit, weights};
+use squall_runtime::transport::{ArgumentError, Cloud};
 use std::sync::Arc;
 
 /// What to bake rows for.
@@ -65,6 +65,16 @@ impl SolveCells {
         let fine = own.refined([settings.refine; 3])?;
         let size = |axis: usize| (fine.shape.to_array()[axis] / cloud.shape.to_array()[axis]) as u32;
         let factors = [0, 1, 2].map(size);
+        let whole = |axis: usize| factors[axis] as usize * cloud.shape.to_array()[axis];
+        if [0, 1, 2].map(whole) != fine.shape.to_array() {
+            let wanted = format!("whole blocks of the {:?} solve cells", fine.shape.to_array());
+            return Err(ArgumentError::new(
+                "response cells",
+                wanted,
+                format!("{:?}", cloud.shape.to_array()),
+            )
+            .into());
+        }
         if settings.stored == Stored::Means || factors == [1; 3] {
             let (shaded, parent) = (cloud.shaded(), CoarseIndex::new(fine.shape, factors));
             let read = (0..fine.shape.len()).map(|cell| shaded[parent.of(cell)]).collect();

@@ -13,7 +13,7 @@ use std::sync::Arc;
 ///
 /// Each cell holds what stands in it between an underside and a top. A drop is kept off by the first cell that its way back
 /// meets; cells without a number, and everything outside the grid, are open sky.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct CoverMap {
     origin: DVec3,
     cell: f64,
@@ -24,6 +24,26 @@ pub struct CoverMap {
     highest: f64,
     holes: usize,
 }
+
+/// Bit by bit: a hole, which is no number, is the same hole again.
+impl PartialEq for CoverMap {
+    fn eq(&self, other: &Self) -> bool {
+        let same = |a: &Arc<[f32]>, b: &Arc<[f32]>| {
+            Arc::ptr_eq(a, b) || a.iter().map(|z| z.to_bits()).eq(b.iter().map(|z| z.to_bits()))
+        };
+        let undersides = match (&self.undersides, &other.undersides) {
+            (Some(a), Some(b)) => same(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        let numbers = |map: &Self| [map.origin.x, map.origin.y, map.origin.z, map.cell].map(f64::to_bits);
+        numbers(self) == numbers(other)
+            && self.size == other.size
+            && undersides
+            && same(&self.tops, &other.tops)
+    }
+}
+
+impl Eq for CoverMap {}
 
 impl CoverMap {
     /// Houses and hills: solid from their `heights` down to the ground.

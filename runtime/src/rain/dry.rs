@@ -52,14 +52,17 @@ impl<'a> DryAir<'a> {
         let middle = eye.truncate() - lean * eye.z;
         let low = ((middle / TILE_M).floor() - (TILES / 2) as f64) * TILE_M;
         let top = covers.top();
-        let heights = [eye.z + HEIGHTS_M[0], if top.is_finite() { top } else { eye.z + HEIGHTS_M[1] }];
+        let top = if top.is_finite() { top } else { eye.z + HEIGHTS_M[1] };
+        // Below eye and covers both, in steps, so that an eye that rises a little finds what it knew.
+        let step = -HEIGHTS_M[0];
+        let heights = [(eye.z.min(top) / step).floor() * step - step, top];
         let same_maps = |maps: &[Arc<CoverMap>]| {
             maps.len() == covers.maps.len() && maps.iter().zip(covers.maps).all(|(a, b)| Arc::ptr_eq(a, b))
         };
         let is_known = |known: &DryTiles| {
             known.fall == fall
                 && known.low == low
-                && known.heights[1] == heights[1]
+                && known.heights == heights
                 && known.has_first == covers.first.is_some()
                 && same_maps(&known.maps)
         };

@@ -167,7 +167,7 @@ impl Glass {
         Ok(())
     }
 
-    /// Cells that no drop enters, true, x fastest: frames, seals, stickers. Water that is there already runs out of them.
+    /// Cells that no drop enters, true, x fastest: frames, seals, stickers. What rain lands there drains off; water that is there already runs out.
     ///
     /// # Errors
     ///
@@ -313,11 +313,17 @@ impl Glass {
     }
 
     /// A cell takes water in; what it can't hold runs off at once.
+    /// What meets an obstacle is gone from the pane too. A running drop keeps its momentum, and slows.
     fn land(&mut self, cell: usize, mass: u32) {
         self.received += u64::from(mass);
-        let room = (FLOW_MOST * 2).saturating_sub(self.cells.mass[cell]);
-        self.drained += u64::from(mass - mass.min(room));
-        self.cells.mass[cell] += mass.min(room);
+        let here = self.cells.mass[cell];
+        let room = if self.cells.blocked[cell] { 0 } else { (FLOW_MOST * 2).saturating_sub(here) };
+        let taken = mass.min(room);
+        self.drained += u64::from(mass - taken);
+        self.cells.mass[cell] = here + taken;
+        if taken > 0 {
+            self.cells.speed[cell] *= (f64::from(here) / (f64::from(here) + f64::from(taken))) as f32;
+        }
     }
 }
 

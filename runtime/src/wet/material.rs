@@ -43,11 +43,14 @@ pub fn diffuse_fresnel(index: f64) -> f64 {
 /// eqs. 1 and 2): light that the surface scatters is thrown back at the film's upper side with probability p and has a further chance to be absorbed.
 /// R(film) + (1 − R) a (1 − p)/(1 − p a) less the film's own reflection, which a renderer adds as a mirror image.
 pub fn wet_albedo(albedo: f64) -> f64 {
-    let entering = 1.0 - diffuse_fresnel(WATER_INDEX);
-    let back = diffuse_fresnel(1.0 / WATER_INDEX);
+    let (entering, back) = (1.0 - DIFFUSE_OUTSIDE, DIFFUSE_INSIDE);
     let a = albedo.clamp(0.0, 1.0);
     entering * a * (1.0 - back) / (1.0 - back * a)
 }
+
+/// [`diffuse_fresnel`] of water from outside, and from inside.
+const DIFFUSE_OUTSIDE: f64 = 0.066_405_8;
+const DIFFUSE_INSIDE: f64 = 0.474_590_6;
 
 /// How wet a surface is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,12 +68,15 @@ pub struct WetnessRates {
     pub dries_mm_per_h: f32,
 }
 
+/// Times and rates beyond this are this: no product of them is beyond numbers.
+const LONGEST: f64 = 1e12;
+
 impl Wetness {
     /// After `seconds` of rain at `rate_mm_per_h`: rain brings R, drying takes in proportion to what there is. The closed form of
     /// dw/dt = (R − E w)/H, held at 1: any split of the time gives the same. Not a number, and negative arguments, count as 0.
     #[must_use]
     pub fn after(self, seconds: f64, rate_mm_per_h: f64, rates: &WetnessRates) -> Self {
-        let usable = |value: f64| if value > 0.0 { value } else { 0.0 };
+        let usable = |value: f64| if value > 0.0 { value.min(LONGEST) } else { 0.0 };
         let hours = usable(seconds) / 3600.0;
         let holds = usable(f64::from(rates.holds_mm)).max(1e-6);
         let (rain, dries) = (usable(rate_mm_per_h), usable(f64::from(rates.dries_mm_per_h)));
@@ -142,7 +148,8 @@ mod tests {
         let outside = 1.0 - diffuse_fresnel(WATER_INDEX);
         let inside = 1.0 - diffuse_fresnel(1.0 / WATER_INDEX);
         assert!((WATER_INDEX * WATER_INDEX * inside - outside).abs() < 10.0 * RULE, "{inside} {outside}");
-        assert!((diffuse_fresnel(WATER_INDEX) - 0.066).abs() < 1e-3);
+        assert!((diffuse_fresnel(WATER_INDEX) - DIFFUSE_OUTSIDE).abs() < RULE);
+        assert!((diffuse_fresnel(1.0 / WATER_INDEX) - DIFFUSE_INSIDE).abs() < RULE);
     }
 
     #[test]
@@ -169,7 +176,7 @@ mod tests {
     fn wet_is_darker_than_dry_but_black_and_white_stay() {
         assert_eq!(wet_albedo(0.0), 0.0);
         // White loses nothing inside: all that entered comes out.
-        assert!((wet_albedo(1.0) - (1.0 - diffuse_fresnel(WATER_INDEX))).abs() < 1e-12);
+        assert!((wet_albedo(1.0) - (1.0 - DIFFUSE_OUTSIDE)).abs() < 1e-12);
         for albedo in [0.1, 0.3, 0.6] {
             assert!(wet_albedo(albedo) < albedo);
         }
@@ -193,6 +200,7 @@ mod tests {
         assert_eq!(whole.after(86_400.0, 75.0, &rates).share, 1.0);
         let dried = whole.after(3600.0, 0.0, &rates).share;
         assert!((dried - whole.share * libm::expf(-0.5)).abs() < ROUND_OFF);
+        assert_eq!(Wetness { share: 0.3 }.after(f64::INFINITY, 0.0, &rates).share, 0.0);
         assert_eq!(Wetness { share: 0.3 }.after(f64::NAN, -1.0, &rates).share, 0.3);
     }
 }

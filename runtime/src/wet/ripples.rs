@@ -30,6 +30,8 @@ pub const STEPS_MAX: u32 = 50_000;
 pub const IMPACTS_MAX: u32 = 1_000_000;
 /// Share of the largest stable Courant number that a step takes: round-off must not cross the bound.
 const COURANT_SHARE: f64 = 0.95;
+/// Share of the longest step that is stepped at least; less waits.
+const SHORTEST_SHARE: f64 = 0.01;
 /// Impacts are drawn for stretches of time of this length, so that any sequence of frames meets the same drops.
 const SLOT_S: f64 = 1.0 / 64.0;
 
@@ -68,7 +70,7 @@ pub struct RippleSettings {
     pub damping_per_s: f32,
     /// Depth of the water, m, above 0: a crater is no deeper.
     pub depth_m: f32,
-    /// Ring height over crater depth, 0 to 1: most of a crater's energy goes into its jet and into foam, not into rings.
+    /// Depth of the mark that rings begin with over the crater's, 0 to 1: most of a crater's energy goes into its jet and into foam, not into rings.
     pub ring_share: f32,
     /// The Laplacian.
     pub scheme: Scheme,
@@ -122,6 +124,8 @@ pub struct Ripples {
     before: Vec<f32>,
     spare: Vec<f32>,
     time_s: f64,
+    /// Time that was too short for a step and waits for more.
+    owed_s: f64,
     /// The last step's length, at which `before` was.
     step_s: f64,
 }
@@ -142,6 +146,7 @@ impl Ripples {
             before: vec![0.0; cells],
             spare,
             time_s: 0.0,
+            owed_s: 0.0,
             step_s: longest_step(&settings),
         })
     }
@@ -184,19 +189,41 @@ impl Ripples {
             ));
         }
         let area = self.area_m2();
+        let mut expected = 0.0;
         for flux in rain {
-            flux.check(area, seconds)?;
+            expected += flux.check(area, seconds + self.owed_s)?;
         }
+        if expected > f64::from(IMPACTS_MAX) {
+            return Err(RuntimeError::argument(
+                "rain",
+                format!("{IMPACTS_MAX} impacts in this call, all sizes together"),
+                expected,
+            ));
+        }
+        let seconds = seconds + self.owed_s;
+        // A step much shorter than the one before would lose the surface's motion to round-off.
+        if seconds < SHORTEST_SHARE * longest {
+            self.owed_s = seconds;
+            return Ok(RippleReport::default());
+        }
+        self.owed_s = 0.0;
         let steps = libm::ceil(seconds / longest) as u32;
-        let mut report = RippleReport { steps, impacts: 0 };
         let begin = self.time_s;
+        let arrivals = self.arrivals(begin..begin + seconds, rain, seed);
+        let mut coming = arrivals.iter().peekable();
         for step in 0..steps {
-            let until = begin + seconds * f64::from(step + 1) / f64::from(steps);
-            report.impacts += self.strike_from(self.time_s..until, rain, seed);
+            let until = if step + 1 == steps {
+                begin + seconds
+            } else {
+                begin + seconds * f64::from(step + 1) / f64::from(steps)
+            };
+            while let Some((_, impact)) = coming.next_if(|(time, _)| *time < until) {
+                self.strike(impact);
+            }
             self.step(until - self.time_s);
             self.time_s = until;
         }
-        Ok(report)
+        Ok(RippleReport { steps, impacts: arrivals.len() as u32 })
     }
 
     /// One drop strikes now.
@@ -217,11 +244,10 @@ impl Ripples {
         let bump =
             |at_m| Kernel::bump(&Impact { at_m, radius_m, depth_m: draught_m }, self.settings.spacing_m);
         let (came, left) = (bump(to_m), bump(from_m));
-        // A body that comes in from beyond a wall leaves no place that could sink.
-        if left.meets(&self.settings) {
-            let raised = came.add(&self.settings, &mut [&mut self.now]);
-            left.take(&self.settings, &mut self.now, raised);
-        }
+        // As much as both marks can hold: at a wall, or beyond it, one of them is cut.
+        let amount = came.holds(&self.settings).min(left.holds(&self.settings));
+        came.shift(&self.settings, &mut self.now, amount);
+        left.shift(&self.settings, &mut self.now, -amount);
     }
 
     /// Height at a cell, m.
@@ -299,18 +325,17 @@ impl Ripples {
         (self.settings.cells[0] * self.settings.cells[1]) as f64 * spacing * spacing
     }
 
-    /// Impacts of a stretch of time. Arrivals of a Poisson process have exponential gaps; each flux and slot has a stream of its own.
-    fn strike_from(&mut self, span: std::ops::Range<f64>, rain: &[DropFlux], seed: u64) -> u32 {
+    /// Impacts of a stretch of time, in order. Arrivals of a Poisson process have exponential gaps; each flux and slot has a stream of its own.
+    fn arrivals(&self, span: std::ops::Range<f64>, rain: &[DropFlux], seed: u64) -> Vec<(f64, Impact)> {
         let area = self.area_m2();
         let sides = [0, 1].map(|axis| self.settings.cells[axis] as f32 * self.settings.spacing_m);
-        let mut count = 0;
+        let mut arrivals = Vec::new();
         for (class, flux) in rain.iter().enumerate() {
             let rate = flux.impacts_per_m2_s * area;
             if rate <= 0.0 {
                 continue;
             }
-            let slots = (span.start / SLOT_S) as u64..=(span.end / SLOT_S) as u64;
-            for slot in slots {
+            for slot in (span.start / SLOT_S) as u64..=(span.end / SLOT_S) as u64 {
                 let mut random = Random::from_parts(&[seed, class as u64, slot]);
                 let (mut time, end) = (slot as f64 * SLOT_S, (slot + 1) as f64 * SLOT_S);
                 loop {
@@ -320,13 +345,13 @@ impl Ripples {
                     }
                     let at_m = sides.map(|side| random.unit() as f32 * side);
                     if span.contains(&time) {
-                        self.strike(&flux.impact(at_m, &self.settings));
-                        count += 1;
+                        arrivals.push((time, flux.impact(at_m, &self.settings)));
                     }
                 }
             }
         }
-        count
+        arrivals.sort_by(|a, b| a.0.total_cmp(&b.0));
+        arrivals
     }
 
     fn step(&mut self, seconds: f64) {

@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let possible: Vec<String> = (0..usize::from(args.most)).map(name_of).collect();
     let places: Vec<PathBuf> = possible.iter().map(|name| args.out.join(name)).collect();
     let outputs: Vec<&Path> = places.iter().chain(&args.preview).map(PathBuf::as_path).collect();
-    json::check_stdout(args.json, &outputs);
+    super::check_table(&outputs);
     check_apart(&outputs, paths.iter())?;
     folder.expect(possible.iter().map(String::as_str))?;
     let preview = args.preview.as_deref().map(super::preview_file).transpose()?;

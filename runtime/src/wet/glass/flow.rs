@@ -19,11 +19,11 @@ const NANOGRAM: f64 = 1e-12;
 #[derive(Clone, Copy, Debug)]
 pub struct Flow {
     /// Where to, or `None` off the pane.
-    to: Option<usize>,
-    mass: u32,
-    speed: f32,
+    pub(super) to: Option<usize>,
+    pub(super) mass: u32,
+    pub(super) speed: f32,
     /// What it has crossed of the new cell already.
-    crossed: f32,
+    pub(super) crossed: f32,
 }
 
 /// Width w of the half ball of a mass, m.
@@ -159,7 +159,7 @@ impl Glass {
     }
 
     /// Drops that meet are one, with their momentum.
-    fn arrive(&mut self, flow: Flow) {
+    pub(super) fn arrive(&mut self, flow: Flow) {
         let Some(to) = flow.to else {
             self.drained += u64::from(flow.mass);
             return;

@@ -29,10 +29,10 @@ impl Glass {
     ///
     /// `per_cell` outside 1 to 8, or not a value for each.
     pub fn heights(&self, per_cell: usize, out: &mut [f32]) -> Result<(), RuntimeError> {
-        let [width, height] = self.settings.cells.map(|cells| cells * per_cell);
         if !(1..=8).contains(&per_cell) {
             return Err(RuntimeError::argument("per_cell", "1 to 8", per_cell));
         }
+        let [width, height] = self.settings.cells.map(|cells| cells * per_cell);
         if out.len() != width * height {
             return Err(RuntimeError::argument("out", format!("{width} x {height} values"), out.len()));
         }
@@ -98,12 +98,12 @@ impl Glass {
     /// # Errors
     ///
     /// Pictures that have not a pixel for each of `size`, sizes of 0, or a distance that is no number.
-    pub fn look_through(&self, seen: &Seen, out: &mut [Vec3]) -> Result<(), RuntimeError> {
+    pub fn refract(&self, seen: &Seen, out: &mut [Vec3]) -> Result<(), RuntimeError> {
         let [width, height] = seen.size;
         for (field, pixels) in
             [("behind", seen.behind.len()), ("front", seen.front.len()), ("out", out.len())]
         {
-            if pixels != width * height || pixels == 0 {
+            if width.checked_mul(height) != Some(pixels) || pixels == 0 {
                 return Err(RuntimeError::argument(
                     field,
                     format!("{width} x {height} pixels, above 0"),

@@ -24,7 +24,7 @@ pub struct Impact {
     pub at_m: [f32; 2],
     /// Radius of the ring that it begins with, m.
     pub radius_m: f32,
-    /// Depth of its middle, m; the rim stands an eighth of that above the water at rest, so that none is made or lost.
+    /// Depth of its middle, m; the rim stands a quarter of that above the water at rest, so that none is made or lost.
     pub depth_m: f32,
 }
 
@@ -42,19 +42,21 @@ impl DropFlux {
         Impact { at_m, radius_m, depth_m: settings.ring_share * radius_m.min(settings.depth_m) }
     }
 
-    pub(super) fn check(&self, area_m2: f64, seconds: f64) -> Result<(), RuntimeError> {
+    /// Checks the numbers; returns the impacts that they come to.
+    pub(super) fn check(&self, area_m2: f64, seconds: f64) -> Result<f64, RuntimeError> {
         if !(0.0..=0.1).contains(&self.diameter_m) {
             return Err(RuntimeError::argument("diameter_m", "0 to 0.1 m", self.diameter_m));
         }
         if !(0.0..=1e3).contains(&self.speed_m_per_s) {
             return Err(RuntimeError::argument("speed_m_per_s", "0 to 1000 m/s", self.speed_m_per_s));
         }
-        // A slot more than the call's own time is looked through.
-        let most = f64::from(IMPACTS_MAX) / (area_m2 * (seconds + super::SLOT_S));
+        // Slots are drawn whole: one before the call's own time and one behind it may be.
+        let drawn = area_m2 * (seconds + 2.0 * super::SLOT_S);
+        let most = f64::from(IMPACTS_MAX) / drawn;
         if !(0.0..=most).contains(&self.impacts_per_m2_s) {
             let wanted = format!("0 to {most:.1}, which is {IMPACTS_MAX} impacts in this call");
             return Err(RuntimeError::argument("impacts_per_m2_s", wanted, self.impacts_per_m2_s));
         }
-        Ok(())
+        Ok(self.impacts_per_m2_s * drawn)
     }
 }

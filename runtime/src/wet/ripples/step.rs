@@ -193,35 +193,35 @@ impl Kernel {
         })
     }
 
-    /// Whether any of the lattice's cells lie in the mark.
-    pub fn meets(&self, settings: &RippleSettings) -> bool {
-        self.sums(settings)[1] > 0.0
-    }
-
-    /// Adds the mark to each of `fields`; returns the sum of what was added to one. A ring's is 0 but for round-off.
-    pub fn add(&self, settings: &RippleSettings, fields: &mut [&mut Vec<f32>]) -> f64 {
+    /// Adds the mark to each of `fields`; a ring's sum is 0 but for round-off.
+    pub fn add(&self, settings: &RippleSettings, fields: &mut [&mut Vec<f32>]) {
         let [sum, weights] = self.sums(settings);
         let mend = if self.rim > 0.0 && weights > 0.0 { (sum / weights) as f32 } else { 0.0 };
-        let mut added = 0.0;
         for (x, y) in self.cells() {
             let Some(place) = Self::place(settings, x, y) else { continue };
             let [profile, weight] = self.profile(x, y);
             let value = self.height * (profile - mend * weight);
-            added += f64::from(value);
             for field in fields.iter_mut() {
                 field[place] += value;
             }
         }
-        added
     }
 
-    /// Takes `sum` away in the mark's shape: as much as another mark has added.
-    pub fn take(&self, settings: &RippleSettings, field: &mut [f32], sum: f64) {
+    /// Sum of what a bump adds over the cells that it meets.
+    pub fn holds(&self, settings: &RippleSettings) -> f64 {
+        f64::from(self.height) * self.sums(settings)[0]
+    }
+
+    /// Adds `sum` in the mark's shape; nothing where it meets no cell.
+    pub fn shift(&self, settings: &RippleSettings, field: &mut [f32], sum: f64) {
         let [own, _] = self.sums(settings);
+        if own <= 0.0 {
+            return;
+        }
         let scale = (sum / own) as f32;
         for (x, y) in self.cells() {
             if let Some(place) = Self::place(settings, x, y) {
-                field[place] -= scale * self.profile(x, y)[0];
+                field[place] += scale * self.profile(x, y)[0];
             }
         }
     }

@@ -185,6 +185,32 @@ fn drops_and_bodies_bring_no_water() {
 }
 
 #[test]
+fn a_body_at_a_wall_moves_no_more_water_than_its_draught() {
+    let mut water =
+        Ripples::new(RippleSettings { edges: Edges::Reflect, cells: [64, 64], ..RippleSettings::default() })
+            .unwrap();
+    // It leaves a place of which the lattice holds the outermost rim alone.
+    water.push([-0.049, 0.2], [0.1, 0.2], 0.05, 0.01);
+    let highest = water.now.iter().fold(0.0f32, |most, height| most.max(height.abs()));
+    assert!(highest <= 0.01, "{highest}");
+}
+
+#[test]
+fn times_too_short_for_a_step_wait_for_more_and_lose_no_motion() {
+    let run = |crumb: f64| {
+        let mut water = standing(undamped(Scheme::Nine), [2.0, 1.0]);
+        for _ in 0..40 {
+            water.advance(0.01, &[], 0).unwrap();
+            water.advance(crumb, &[], 0).unwrap();
+        }
+        water
+    };
+    let (none, crumbs) = (run(0.0), run(1e-17));
+    assert_eq!(fingerprint(&none), fingerprint(&crumbs));
+    assert!(none.mean_square_m2() > 0.0 && run(1e-9).mean_square_m2().is_finite());
+}
+
+#[test]
 fn as_many_drops_strike_as_the_flux_says() {
     let mut water = Ripples::new(RippleSettings { cells: [16, 16], ..RippleSettings::default() }).unwrap();
     let rain = [
