@@ -275,7 +275,10 @@ fn negative_numbers_are_numbers_on_the_command_line() {
     let (code, _, error) = squall(folder.path(), &["render", "x", "-o", "x.png", "--rate", "-5"]);
     assert!(code == 2 && !error.contains("unexpected argument"), "{code}: {error}");
     let (code, _, error) = squall(folder.path(), &["query", "x", "density", "--rate", "5", "--aspect", "-1"]);
-    assert!(code == 3 && !error.contains("unexpected argument"), "{code}: {error}");
+    assert!(
+        code == 2 && error.contains("above 0") && !error.contains("unexpected argument"),
+        "{code}: {error}"
+    );
 }
 
 #[test]
