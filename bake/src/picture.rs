@@ -84,6 +84,8 @@ pub fn encode_seen_layers(
     write_channels(size, channels.collect(), (note, camera))
 }
 
+/// What layers that know their camera say of their writer.
+pub const SOFTWARE: &str = "squall";
 /// Distance of the plane before a camera that its matrix needs and nobody asks for, m.
 const NEAR_M: f64 = 0.1;
 /// Largest number of a 16-bit float.
@@ -183,6 +185,7 @@ fn write_channels(
         // A glam matrix's columns, one after another, are its rows as row vectors have it.
         let stored = |matrix: DMat4| matrix.to_cols_array().map(|value| value as f32);
         let view = camera.view_matrix();
+        attributes.software_name = Some(exr_text(SOFTWARE)?);
         attributes.world_to_camera = Some(stored(view));
         attributes.world_to_normalized_device = Some(stored(camera.projection_matrix(NEAR_M) * view));
     }

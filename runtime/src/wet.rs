@@ -9,17 +9,25 @@
 //! | [`ripples`] | waves on a lattice, struck by drops at the rain's flux and pushed by moving bodies |
 //! | [`puddle`] | how water's slopes come to an object's normal |
 //! | [`glass`] | drops on a pane: they wait, run, merge and leave a film; wipers; no water is lost |
+//! | [`draw`] | every effect in its turn over a renderer's buffers |
+//! | [`surface`] | wet surfaces: darkened, filmed over, with puddles and ripples; light of lightning on them |
+//! | [`reflect`] | what water mirrors of the frame and of the world |
+//! | [`glow`] | glow around lights by the atmosphere's point spread |
 //! | [`frame`] | a renderer's buffers, what effects are told of a frame, layers over it |
 //! | [`maps`] | what is baked from a scene's meshes |
 //! | [`controls`] | the effects' controls by name, with ranges |
 //! | [`material`] | reflection at a water surface, and what wetting does to albedo and roughness |
 
 pub mod controls;
+pub mod draw;
 pub mod frame;
 pub mod glass;
+pub mod glow;
 pub mod maps;
 pub mod material;
 pub mod puddle;
+pub mod reflect;
 pub mod ripples;
+pub mod surface;
 
 mod slopes;

@@ -31,7 +31,9 @@ pub enum Writer {
     Unreal,
     /// pbrt: y up, left-handed, metres.
     Pbrt,
-    /// `squall render`, or somebody else: z up, metres.
+    /// `squall render`: z up, metres, W/(m² sr).
+    Squall,
+    /// Somebody else: z up, metres.
     Other,
 }
 
@@ -48,6 +50,8 @@ impl Writer {
             Self::Blender
         } else if ["houdini", "karma", "mantra", "husk"].iter().any(|name| software.contains(name)) {
             Self::Houdini
+        } else if software == crate::picture::SOFTWARE {
+            Self::Squall
         } else if software.contains("pbrt") || has("RelativeVariance.R") || has("dzdx") {
             Self::Pbrt
         } else {
@@ -58,7 +62,7 @@ impl Writer {
     /// Its world.
     pub fn axes(self) -> Axes {
         match self {
-            Self::Blender | Self::Other => Axes::SQUALL,
+            Self::Blender | Self::Squall | Self::Other => Axes::SQUALL,
             Self::Houdini => Axes { y_up: true, ..Axes::SQUALL },
             Self::Unreal => Axes { left_handed: true, metres: 0.01, ..Axes::SQUALL },
             Self::Pbrt => Axes { y_up: true, left_handed: true, ..Axes::SQUALL },
@@ -72,6 +76,7 @@ impl Writer {
             Self::Houdini => "Houdini",
             Self::Unreal => "Unreal",
             Self::Pbrt => "pbrt",
+            Self::Squall => "squall",
             Self::Other => "unknown",
         }
     }
