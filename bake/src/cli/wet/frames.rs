@@ -289,7 +289,7 @@ impl Sequence {
         let picture = Picture { width, height, pixels: taken.buffer.colour.clone() };
         let light = match &self.environment {
             Some(path) => read_light_probe(path)?.0,
-            None => WorldLight::estimate(&picture, &taken.camera),
+            None => WorldLight::estimate(&without_lamps(&picture), &taken.camera),
         };
         let tone = match self.tone {
             // An asset's view knows the unit of its own pictures alone.
@@ -298,6 +298,20 @@ impl Sequence {
         };
         Ok(Shared { light, tone: tone.brighter(self.stops) })
     }
+}
+
+/// A picture whose brightest fiftieth counts as bright as the dimmest of it: lamps light what is near them, not the whole world.
+fn without_lamps(picture: &Picture) -> Picture {
+    let sum = |pixel: &[f32; 3]| pixel.iter().map(|band| band.max(0.0)).sum::<f32>();
+    let mut all: Vec<f32> = picture.pixels.iter().map(sum).collect();
+    let at = all.len() - 1 - all.len() / 50;
+    let (_, most, _) = all.select_nth_unstable_by(at, f32::total_cmp);
+    let most = *most;
+    let cut = |pixel: &[f32; 3]| {
+        let scale = if sum(pixel) > most { most / sum(pixel) } else { 1.0 };
+        pixel.map(|band| band * scale)
+    };
+    Picture { pixels: picture.pixels.iter().map(cut).collect(), ..*picture }
 }
 
 fn numbered((at, file): (usize, FrameFile)) -> (PathBuf, Option<u64>) {
