@@ -1,0 +1,94 @@
+//! What rain does where it lands: each effect over one frame of a street corner at night, and what it costs.
+//!
+//! Concept: an effect is told of a frame by [`WetFrame`](squall_runtime::wet::frame::WetFrame): the renderer's buffers, what was baked of the
+//! scene, the rain. It draws a [`Layer`], which lies over the frame. The same time gives the same picture.
+//!
+//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--near] [--size WxH]`
+
+#[path = "shared/street.rs"]
+mod street;
+
+use squall_runtime::RuntimeError;
+use squall_runtime::glam::DVec3;
+use squall_runtime::wet::frame::{Layer, WetFrame};
+use squall_runtime::wet::splash::{SplashControls, Splashes};
+use std::error::Error;
+use std::path::Path;
+use street::Street;
+
+type Draw = Box<dyn FnMut(&WetFrame<'_>, &mut Layer) -> Result<String, RuntimeError>>;
+
+/// Every effect, with its usual controls.
+fn effects() -> Vec<(&'static str, Draw)> {
+    let mut splashes = Splashes::new();
+    vec![(
+        "splashes",
+        Box::new(move |frame, out| {
+            splashes.draw(frame, &SplashControls::default(), out).map(|report| format!("{report:?}"))
+        }),
+    )]
+}
+
+/// Nanoseconds that this thread has had a processor for, where the system says so.
+fn processor_ns() -> f64 {
+    let said = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    said.split(' ').next().and_then(|text| text.parse().ok()).unwrap_or(0.0)
+}
+
+/// Saves light as it would look to a camera.
+fn save(path: &Path, size: [usize; 2], light: &[[f32; 3]]) -> std::io::Result<()> {
+    let byte = |value: f32| {
+        let shown = 1.0 - (-1.3 * value.max(0.0)).exp();
+        (255.0 * shown.powf(1.0 / 2.2) + 0.5) as u8
+    };
+    let mut bytes = format!("P6\n{} {}\n255\n", size[0], size[1]).into_bytes();
+    bytes.extend(light.iter().flatten().map(|&value| byte(value)));
+    std::fs::write(path, bytes)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let (mut folder, mut only, mut rate, mut near, mut size) = (None, Vec::new(), 25.0, false, [1024, 768]);
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        match word.as_str() {
+            "--rate" => rate = words.next().ok_or("--rate wants mm/h")?.parse()?,
+            "--near" => near = true,
+            "--size" => {
+                let text = words.next().ok_or("--size wants WxH")?;
+                let (width, height) = text.split_once('x').ok_or("--size wants WxH")?;
+                size = [width.parse()?, height.parse()?];
+            }
+            _ if folder.is_none() => folder = Some(word),
+            _ => only.push(word),
+        }
+    }
+    let folder = folder.unwrap_or_else(|| ".".to_owned());
+    let (eye, target) = if near {
+        (DVec3::new(-0.2, 3.0, 1.25), DVec3::new(1.2, 5.6, 0.6))
+    } else {
+        (DVec3::new(-1.2, 0.0, 1.6), DVec3::new(0.2, 8.0, 1.3))
+    };
+    let street = Street::new(eye, target, size, rate)?;
+    let frame = street.frame(1.234);
+    let mut layer = Layer::default();
+    save(&Path::new(&folder).join("frame.ppm"), street.buffer.size, &street.buffer.colour)?;
+    for (name, mut draw) in effects() {
+        if !only.is_empty() && !only.iter().any(|wanted| wanted == name) {
+            continue;
+        }
+        // The first call makes what stays.
+        draw(&frame, &mut layer)?;
+        let mut best = f64::INFINITY;
+        let mut report = String::new();
+        for _ in 0..5 {
+            let begin = processor_ns();
+            report = draw(&frame, &mut layer)?;
+            best = best.min((processor_ns() - begin) * 1e-6);
+        }
+        let mut picture = street.buffer.colour.clone();
+        layer.onto(&mut picture)?;
+        save(&Path::new(&folder).join(format!("{name}.ppm")), street.buffer.size, &picture)?;
+        println!("{name:10} {best:7.1} ms  {report}");
+    }
+    Ok(())
+}
