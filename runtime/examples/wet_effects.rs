@@ -38,7 +38,7 @@ fn processor_ns() -> f64 {
 /// Saves light as it would look to a camera.
 fn save(path: &Path, size: [usize; 2], light: &[[f32; 3]]) -> std::io::Result<()> {
     let byte = |value: f32| {
-        let shown = 1.0 - (-1.3 * value.max(0.0)).exp();
+        let shown = 1.0 - (-2.4 * value.max(0.0)).exp();
         (255.0 * shown.powf(1.0 / 2.2) + 0.5) as u8
     };
     let mut bytes = format!("P6\n{} {}\n255\n", size[0], size[1]).into_bytes();
@@ -64,7 +64,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let folder = folder.unwrap_or_else(|| ".".to_owned());
     let (eye, target) = if near {
-        (DVec3::new(-0.2, 3.0, 1.25), DVec3::new(1.2, 5.6, 0.6))
+        (DVec3::new(3.9, 4.6, 0.55), DVec3::new(3.3, 6.2, 0.2))
     } else {
         (DVec3::new(-1.2, 0.0, 1.6), DVec3::new(0.2, 8.0, 1.3))
     };

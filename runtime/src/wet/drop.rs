@@ -8,8 +8,8 @@ mod look;
 #[cfg(test)]
 pub(crate) mod stage;
 
-pub(crate) use ball::LEVELS;
 pub use ball::{paper_through, through_ball};
+pub(crate) use light::glint;
 pub use look::{Opacity, distance_fade, lightning_bias, milky, paper_opacity};
 
 use crate::error::RuntimeError;

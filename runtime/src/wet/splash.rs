@@ -232,14 +232,14 @@ impl Brush<'_, '_> {
         let clips =
             [view, view + 1].map(|view| self.sequence.clip(variant, view, *share_of_life, level as usize));
         let opacity = self.opacity();
-        let beams = light.beams(hit.place, direction) * controls.back_light;
+        let beams = light.beams_from(hit.place, direction);
+        let beams = (beams.0 * controls.back_light, beams.1);
         let ball = light.ball(&spot);
         let up = self.upright();
         let right = Vec2::new(up.y, -up.x);
-        let raise = side * (0.5 - sequence::BELOW / sequence::WIDTH);
-        let middle =
-            drop::eye::Spot { x: spot.x + up.x * raise, y: spot.y - up.y * raise, depth: spot.depth };
-        let [rows, columns] = eye.cover(&middle, 0.5 * side * (up.x.abs() + up.y.abs()));
+        let bounds = [view, view + 1].map(|view| self.sequence.bounds(variant, view, *share_of_life));
+        let [rows, columns] =
+            cover(eye, &spot, [right * flip, up], side, &bounds[..1 + usize::from(share > 0.0)]);
         let nearest = spot.depth - 2.2 * radius;
         let mut touched = 0;
         for y in rows {
@@ -258,7 +258,8 @@ impl Brush<'_, '_> {
                 let cosine = (1.0 - turned.length_squared()).max(0.0).sqrt();
                 let reflected = fresnel(f64::from(cosine), WATER_INDEX) as f32;
                 let alpha = opacity.of(texel.z * controls.opacity * strength, reflected);
-                let colour = (ball.radiance(turned, 0.7 * level) + beams) * opacity.lightning_bias;
+                let glint = drop::glint(turned, beams.1);
+                let colour = (ball.radiance(turned, 0.7 * level) + beams.0 * glint) * opacity.lightning_bias;
                 out.over(pixel, (milky(colour, controls.milk) * alpha).into(), alpha);
                 touched += 1;
             }
@@ -342,6 +343,32 @@ impl Brush<'_, '_> {
         }
         touched
     }
+}
+
+/// Where the place of impact lies in a picture, from its top.
+const BASE: f32 = 1.0 - sequence::BELOW / sequence::WIDTH;
+
+/// Rows and columns of the frame in which a splash at a spot has water, from the parts of its pictures that have; `axes` are the pictures' right and up.
+fn cover(
+    eye: &Eye,
+    spot: &drop::eye::Spot,
+    axes: [Vec2; 2],
+    side: f32,
+    bounds: &[[f32; 4]],
+) -> [std::ops::Range<usize>; 2] {
+    let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+    for part in bounds {
+        for corner in [[0, 1], [2, 1], [0, 3], [2, 3]] {
+            let at = side * (axes[0] * (part[corner[0]] - 0.5) + axes[1] * (BASE - part[corner[1]]));
+            let at = Vec2::new(spot.x + at.x, spot.y - at.y);
+            (low, high) = (low.min(at), high.max(at));
+        }
+    }
+    let span = |low: f32, high: f32, most: usize| {
+        let begin = low.max(0.0) as usize;
+        begin..((high + 1.0).clamp(0.0, most as f32) as usize).max(begin)
+    };
+    [span(low.y, high.y, eye.size[1]), span(low.x, high.x, eye.size[0])]
 }
 
 /// Entries of the table over pixels a metre: eight an octave from 1/16 px on.

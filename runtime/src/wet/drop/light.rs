@@ -1,6 +1,6 @@
 //! Light on drops, splashes and mist: the picture around, the world beyond it, lamps overhead, lightning.
 
-use super::ball::{Ball, BallMap};
+use super::ball::{Ball, BallMap, across};
 use super::eye::{Eye, Spot};
 use crate::medium::Phase;
 use crate::phase::henyey_greenstein;
@@ -8,7 +8,7 @@ use crate::shade::sky::harmonics::Y0;
 use crate::wet::frame::WetFrame;
 use crate::wet::maps::{GroundMap, WetMaps};
 use crate::world::{InScattering, WorldLight};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Pixels along the side of a block of the small picture that drops see.
 const BLOCK: usize = 8;
@@ -148,17 +148,31 @@ impl DropLight<'_> {
     /// Radiance that water's discs have of beams: the sun, lamps overhead and lightning, scattered towards the eye from a place seen in a unit
     /// direction. Brightest where the light is behind.
     pub fn beams(&self, place: DVec3, direction: Vec3) -> Vec3 {
+        self.beams_from(place, direction).0
+    }
+
+    /// The same, and where most of it comes from, in the picture: to the right and up, as long as the sine of its angle to the view; negative
+    /// lengths stand for light from before.
+    pub fn beams_from(&self, place: DVec3, direction: Vec3) -> (Vec3, Vec2) {
         let mut sum = Vec3::ZERO;
+        let (mut most, mut from) = (0.0, Vec3::ZERO);
         if let Some(sun) = &self.world.sun {
-            sum += Vec3::from(sun.irradiance) * scattered(direction, sun.towards);
+            let light = Vec3::from(sun.irradiance) * scattered(direction, sun.towards);
+            (sum, most, from) = (sum + light, light.element_sum(), sun.towards);
         }
         if let Some((towards, irradiance)) = self.overhead(place) {
-            sum += irradiance * scattered(direction, towards);
+            let light = irradiance * scattered(direction, towards);
+            sum += light;
+            if light.element_sum() > most {
+                from = towards;
+            }
         }
         for (k, &flash) in self.flashes.iter().enumerate().filter(|(_, flash)| **flash > 0.0) {
             sum += Vec3::splat(flash * self.flash(k, place, direction));
         }
-        sum
+        let [right, up] = across(self.surroundings.eye, direction);
+        let side = if from.dot(direction) < 0.0 { -0.7 } else { 1.0 };
+        (sum, Vec2::new(from.dot(right), from.dot(up)) * side)
     }
 
     /// Radiance of water for lightning of irradiance 1 from a key direction: its beam, and what the scene sends on.
@@ -181,20 +195,21 @@ impl DropLight<'_> {
     fn overhead(&self, place: DVec3) -> Option<(Vec3, Vec3)> {
         let maps = self.maps.overhead.as_ref()?;
         let at = place.truncate();
-        let value = |at: glam::DVec2| {
-            let value = |map: &GroundMap| map.between(at).filter(|value| *value > 0.0).unwrap_or(0.0);
-            Vec3::new(value(&maps[0]), value(&maps[1]), value(&maps[2]))
-        };
-        let here = value(at);
-        let total = here.element_sum();
-        if !(total > 0.0) {
+        let value = |map: &GroundMap| map.between(at).filter(|value| *value > 0.0).unwrap_or(0.0);
+        let here = Vec3::new(value(&maps[0]), value(&maps[1]), value(&maps[2]));
+        if !(here.element_sum() > 0.0) {
             return None;
         }
-        let cell = maps[1].cell_m;
-        let slope = |step: glam::DVec2| {
-            (value(at + step).element_sum() - value(at - step).element_sum()) / (2.0 * cell as f32)
+        // The brightest band alone tells where the lamp is.
+        let map = &maps[(0..3).fold(0, |best, band| if here[band] > here[best] { band } else { best })];
+        let beside = |x: f64, y: f64| {
+            let step = glam::DVec2::new(x, y) * map.cell_m;
+            map.at(at + step).filter(|value| *value > 0.0).unwrap_or(0.0)
         };
-        let slopes = Vec3::new(slope(glam::DVec2::X * cell), slope(glam::DVec2::Y * cell), 0.0) / total;
+        let across = 2.0 * map.cell_m as f32 * here.max_element();
+        let slopes =
+            Vec3::new(beside(1.0, 0.0) - beside(-1.0, 0.0), beside(0.0, 1.0) - beside(0.0, -1.0), 0.0)
+                / across;
         let lean = (slopes * (self.lamp_height_m / 3.0)).clamp_length_max(1.0 / LOWEST_LAMP);
         let towards = (lean + Vec3::Z).normalize();
         Some((towards, here / towards.z.max(LOWEST_LAMP)))
@@ -204,4 +219,14 @@ impl DropLight<'_> {
 /// Share a steradian of light from `towards` that water sends to an eye that looks along `direction`.
 fn scattered(direction: Vec3, towards: Vec3) -> f32 {
     henyey_greenstein(DROP_ASYMMETRY, f64::from(direction.dot(towards))) as f32
+}
+
+/// How a beam's light lies over a ball's disc, its mean being 1: most where the ball images the lamp, which is away from it. `flat` is the normal, `from` where the
+/// light comes from, both in the picture.
+pub(crate) fn glint(flat: Vec2, from: Vec2) -> f32 {
+    /// Share of light in the lamp's image, and the square of that image's radius.
+    const IMAGE: f32 = 0.6;
+    const WIDE: f32 = 0.08;
+    let away = (flat + 0.75 * from).length_squared() / WIDE;
+    1.0 - IMAGE + IMAGE / (WIDE * (1.0 + away) * (1.0 + away))
 }

@@ -39,6 +39,8 @@ pub(crate) struct Sequence {
     texels: Vec<[i8; 4]>,
     /// Mean coverage of each picture's area over a life, by elevation.
     means: [f32; VIEWS],
+    /// Of each picture: what part of it has water, from its left, top, right and lower edge, 0 to 1.
+    bounds: Vec<[f32; 4]>,
 }
 
 /// A picture of the sequence, at a level.
@@ -60,7 +62,7 @@ impl Sequence {
     /// Makes all pictures.
     pub fn bake() -> Self {
         let mut texels = Vec::with_capacity(VARIANTS * VIEWS * FRAMES * CLIP);
-        let mut means = [0.0; VIEWS];
+        let (mut means, mut bounds) = ([0.0; VIEWS], Vec::new());
         for variant in 0..VARIANTS {
             for (view, degrees) in ELEVATIONS.iter().enumerate() {
                 for frame in 0..FRAMES {
@@ -68,17 +70,27 @@ impl Sequence {
                     let fine = picture(blobs(variant as u64, time), degrees.to_radians());
                     let covered: f32 = fine.iter().map(|texel| texel[2]).sum();
                     means[view] += covered / (SIDE * SIDE * FRAMES * VARIANTS) as f32;
+                    bounds.push(bounds_of(&fine));
                     store(&fine, &mut texels);
                 }
             }
         }
-        Self { texels, means }
+        Self { texels, means, bounds }
+    }
+
+    /// What part of a picture has water, by its edges, 0 to 1 from its left and from its top.
+    pub fn bounds(&self, variant: usize, view: usize, time: f32) -> [f32; 4] {
+        self.bounds[Self::picture(variant, view, time)]
+    }
+
+    fn picture(variant: usize, view: usize, time: f32) -> usize {
+        let frame = ((time * FRAMES as f32) as usize).min(FRAMES - 1);
+        (variant % VARIANTS * VIEWS + view) * FRAMES + frame
     }
 
     /// A picture: which splash, which elevation, how far through its life (0 to 1), at a level.
     pub fn clip(&self, variant: usize, view: usize, time: f32, level: usize) -> Clip<'_> {
-        let frame = ((time * FRAMES as f32) as usize).min(FRAMES - 1);
-        let begin = ((variant % VARIANTS * VIEWS + view) * FRAMES + frame) * CLIP;
+        let begin = Self::picture(variant, view, time) * CLIP;
         let level = level.min(LEVELS - 1);
         let skip: usize = (0..level).map(|k| (SIDE >> k) * (SIDE >> k)).sum();
         let side = SIDE >> level;
@@ -93,24 +105,31 @@ impl Sequence {
 }
 
 impl Clip<'_> {
-    /// Normal times coverage, and coverage, at a place of the picture, 0 to 1 from its left and from its top.
+    /// Normal times coverage, and coverage, at a place of the picture, 0 to 1 from its left and from its top; its edges are empty.
     pub fn at(&self, x: f32, y: f32) -> Vec3 {
-        let place = |at: f32| at * self.side as f32 - 0.5;
+        let most = (self.side - 1) as f32;
+        let place = |at: f32| (at * self.side as f32 - 0.5).clamp(0.0, most);
         let (x, y) = (place(x), place(y));
-        let (left, top) = (libm::floorf(x), libm::floorf(y));
-        let (u, v) = (x - left, y - top);
-        let texel = |x: f32, y: f32| {
-            let most = self.side as f32;
-            if x < 0.0 || y < 0.0 || x >= most || y >= most {
-                return Vec3::ZERO;
-            }
-            let [a, b, c, _] = self.texels[y as usize * self.side + x as usize];
-            Vec3::new(f32::from(a), f32::from(b), f32::from(c))
-        };
-        let high = texel(left, top).lerp(texel(left + 1.0, top), u);
-        let low = texel(left, top + 1.0).lerp(texel(left + 1.0, top + 1.0), u);
-        high.lerp(low, v) / 127.0
+        let (left, top) = ((x as usize).min(self.side - 2), (y as usize).min(self.side - 2));
+        let (u, v) = (x - left as f32, y - top as f32);
+        let texel = |texel: [i8; 4]| Vec3::new(f32::from(texel[0]), f32::from(texel[1]), f32::from(texel[2]));
+        let corner = top * self.side + left;
+        let high = &self.texels[corner..corner + 2];
+        let low = &self.texels[corner + self.side..corner + self.side + 2];
+        let high = texel(high[0]).lerp(texel(high[1]), u);
+        let low = texel(low[0]).lerp(texel(low[1]), u);
+        high.lerp(low, v) * (1.0 / 127.0)
     }
+}
+
+fn bounds_of(fine: &[[f32; 3]]) -> [f32; 4] {
+    let mut bounds = [1.0f32, 1.0, 0.0, 0.0];
+    for (k, _) in fine.iter().enumerate().filter(|(_, texel)| texel[2] > 0.004) {
+        let [x, y] = [k % SIDE, k / SIDE].map(|at| at as f32 / SIDE as f32);
+        let step = 1.0 / SIDE as f32;
+        bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x + step), bounds[3].max(y + step)];
+    }
+    bounds
 }
 
 /// The water of a splash at a time of its life.
@@ -126,7 +145,7 @@ fn blobs(variant: u64, time: f32) -> Vec<Blob> {
             let begin = random.range(0.06, 0.24) as f32;
             let up = random.range(4.5, 9.0) as f32;
             let out = random.range(0.8, 2.4) as f32;
-            let radius = random.range(0.035, 0.085) as f32;
+            let radius = random.range(0.045, 0.12) as f32;
             let age = time - begin;
             let height = 0.5 + up * age - 0.5 * GRAVITY * age * age;
             let away = crown_radius(begin) + out * age;
@@ -167,17 +186,17 @@ fn crown(all: &mut Vec<Blob>, random: &mut Random, fingers: usize, turn: f32, ti
             let share = up as f32 / (UP - 1) as f32;
             let away = foot * (1.0 + 0.22 * share * share * height);
             let rim = share > 0.99;
-            let radius = if rim { 0.075 } else { 0.05 + 0.02 * height / UP as f32 };
-            let thick = if rim { 0.9 } else { 0.16 };
+            let radius = if rim { 0.085 } else { 0.05 + 0.02 * height / UP as f32 };
+            let thick = if rim { 1.6 } else { 0.05 };
             all.push(Blob { at: around(part * TAU, away, share * top), radius, thick: thick * thin });
         }
         // Fingers rise from where the rim stands highest.
         if wave > 0.97 {
-            let length = 0.55 * lengths[nearest] * open.min(0.6) * 1.6;
+            let length = 0.8 * lengths[nearest] * open.min(0.6) * 1.6;
             for step in 0..6 {
                 let share = step as f32 / 5.0;
                 let away = foot * (1.0 + 0.22 * height) + 0.35 * share * length;
-                let radius = if step == 5 { 0.075 } else { 0.06 - 0.03 * share };
+                let radius = if step == 5 { 0.11 } else { 0.08 - 0.03 * share };
                 all.push(Blob {
                     at: around(part * TAU, away, top + share * length),
                     radius,
@@ -199,7 +218,7 @@ fn jet(all: &mut Vec<Blob>, random: &mut Random, time: f32) {
     const STEPS: usize = 22;
     for step in 0..STEPS {
         let share = step as f32 / (STEPS - 1) as f32;
-        let radius = 0.17 * (1.0 - 0.65 * share) * (1.0 - 0.4 * rising);
+        let radius = 0.21 * (1.0 - 0.65 * share) * (1.0 - 0.4 * rising);
         all.push(Blob { at: Vec3::new(0.0, 0.0, share * height), radius, thick: 2.0 });
     }
     // The mound that it rises from.
@@ -212,7 +231,7 @@ fn jet(all: &mut Vec<Blob>, random: &mut Random, time: f32) {
     if age > 0.0 {
         let up = tall * 0.95 + 2.4 * age - 0.5 * GRAVITY * 0.36 * age * age;
         if up > 0.0 {
-            all.push(Blob { at: Vec3::new(0.0, 0.0, up), radius: 0.12, thick: 3.0 });
+            all.push(Blob { at: Vec3::new(0.0, 0.0, up), radius: 0.17, thick: 3.0 });
         }
     }
 }
