@@ -3,13 +3,15 @@
 //! Concept: an effect is told of a frame by [`WetFrame`](squall_runtime::wet::frame::WetFrame): the renderer's buffers, what was baked of the
 //! scene, the rain. It draws a [`Layer`], which lies over the frame. The same time gives the same picture.
 //!
-//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--near] [--size WxH]`
+//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--view street|ground|ledge|car] [--size WxH]`
 
 #[path = "shared/street.rs"]
 mod street;
 
 use squall_runtime::RuntimeError;
 use squall_runtime::glam::DVec3;
+use squall_runtime::wet::drip::{DripControls, Drips};
+use squall_runtime::wet::drop::{DropControls, Drops};
 use squall_runtime::wet::frame::{Layer, WetFrame};
 use squall_runtime::wet::splash::{SplashControls, Splashes};
 use std::error::Error;
@@ -18,15 +20,24 @@ use street::Street;
 
 type Draw = Box<dyn FnMut(&WetFrame<'_>, &mut Layer) -> Result<String, RuntimeError>>;
 
-/// Every effect, with its usual controls.
+/// An effect by name, with its usual controls.
+macro_rules! effect {
+    ($name:literal, $new:expr, $controls:expr) => {{
+        let mut effect = $new;
+        let draw: Draw = Box::new(move |frame, out| {
+            effect.draw(frame, &$controls, out).map(|report| format!("{report:?}"))
+        });
+        ($name, draw)
+    }};
+}
+
+/// Every effect.
 fn effects() -> Vec<(&'static str, Draw)> {
-    let mut splashes = Splashes::new();
-    vec![(
-        "splashes",
-        Box::new(move |frame, out| {
-            splashes.draw(frame, &SplashControls::default(), out).map(|report| format!("{report:?}"))
-        }),
-    )]
+    vec![
+        effect!("splashes", Splashes::new(), SplashControls::default()),
+        effect!("drips", Drips::new(), DripControls::default()),
+        effect!("drops", Drops::new(), DropControls::default()),
+    ]
 }
 
 /// Nanoseconds that this thread has had a processor for, where the system says so.
@@ -47,12 +58,13 @@ fn save(path: &Path, size: [usize; 2], light: &[[f32; 3]]) -> std::io::Result<()
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let (mut folder, mut only, mut rate, mut near, mut size) = (None, Vec::new(), 25.0, false, [1024, 768]);
+    let (mut folder, mut only, mut rate, mut size) = (None, Vec::new(), 25.0, [1024, 768]);
+    let mut view = "street".to_owned();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         match word.as_str() {
             "--rate" => rate = words.next().ok_or("--rate wants mm/h")?.parse()?,
-            "--near" => near = true,
+            "--view" => view = words.next().ok_or("--view wants a name")?,
             "--size" => {
                 let text = words.next().ok_or("--size wants WxH")?;
                 let (width, height) = text.split_once('x').ok_or("--size wants WxH")?;
@@ -63,10 +75,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     let folder = folder.unwrap_or_else(|| ".".to_owned());
-    let (eye, target) = if near {
-        (DVec3::new(3.9, 4.6, 0.55), DVec3::new(3.3, 6.2, 0.2))
-    } else {
-        (DVec3::new(-1.2, 0.0, 1.6), DVec3::new(0.2, 8.0, 1.3))
+    let (eye, target) = match view.as_str() {
+        "street" => (DVec3::new(-1.2, 0.0, 1.6), DVec3::new(0.2, 8.0, 1.3)),
+        "ground" => (DVec3::new(3.9, 4.6, 0.55), DVec3::new(3.3, 6.2, 0.2)),
+        "ledge" => (DVec3::new(-0.6, 6.4, 2.2), DVec3::new(-1.5, 7.8, 2.2)),
+        "car" => (DVec3::new(-0.2, 3.4, 1.25), DVec3::new(1.9, 6.2, 0.95)),
+        _ => return Err("--view wants street, ground, ledge or car".into()),
     };
     let street = Street::new(eye, target, size, rate)?;
     let frame = street.frame(1.234);

@@ -10,13 +10,15 @@
 //! | [`puddle`] | how water's slopes come to an object's normal |
 //! | [`glass`] | drops on a pane: they wait, run, merge and leave a film; wipers; no water is lost |
 //! | [`splash`] | splashes where drops hit what a frame shows |
-//! | [`drop`] | how drops look, shared by all that draws them |
+//! | [`drip`] | drops that drip from edges |
+//! | [`drop`] | how drops look, shared by all that draws them; rain close to the lens |
 //! | [`frame`] | a renderer's buffers, what effects are told of a frame, layers over it |
 //! | [`maps`] | what is baked from a scene's meshes |
 //! | [`controls`] | the effects' controls by name, with ranges |
 //! | [`material`] | reflection at a water surface, and what wetting does to albedo and roughness |
 
 pub mod controls;
+pub mod drip;
 pub mod drop;
 pub mod frame;
 pub mod glass;

@@ -3,14 +3,21 @@
 
 mod ball;
 pub(crate) mod eye;
+mod fall;
 pub(crate) mod light;
 mod look;
+mod rain;
 #[cfg(test)]
 pub(crate) mod stage;
+mod stamp;
 
 pub use ball::{paper_through, through_ball};
+pub use fall::{fallen, last_speed};
 pub(crate) use light::glint;
 pub use look::{Opacity, distance_fade, lightning_bias, milky, paper_opacity};
+pub use rain::{DropControls, DropReport, Drops};
+pub use stamp::flatness;
+pub(crate) use stamp::{Paint, Stamp, velocity_blur};
 
 use crate::error::RuntimeError;
 use crate::wet::frame::WetFrame;

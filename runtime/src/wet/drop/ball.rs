@@ -151,3 +151,39 @@ impl Ball<'_> {
         low.lerp(high, v)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Single precision through a few square roots.
+    const ROUND_OFF: f32 = 1e-5;
+
+    #[test]
+    fn a_ball_bends_light_by_twice_the_difference_of_its_angles() {
+        let d = Vec3::Y;
+        for x in [0.0f32, 0.2, 0.5, 0.9, 0.999] {
+            let normal = Vec3::new(x, -(1.0 - x * x).sqrt(), 0.0);
+            let (exit, kept) = through_ball(d, normal);
+            let (outside, inside) = (libm::asinf(x), libm::asinf(x / WATER_INDEX as f32));
+            // Towards the ball's axis, and away from the side that it came in on.
+            let bent = libm::atan2f(-exit.x, exit.y);
+            assert!((bent - 2.0 * (outside - inside)).abs() < 30.0 * ROUND_OFF, "{x} {bent}");
+            assert!((exit.length() - 1.0).abs() < ROUND_OFF);
+            let once = 1.0 - fresnel(f64::from((1.0 - x * x).sqrt()), WATER_INDEX) as f32;
+            assert!((kept - once * once).abs() < ROUND_OFF);
+        }
+    }
+
+    #[test]
+    fn the_papers_ray_stays_in_the_water() {
+        let normal = Vec3::new(0.6, -0.8, 0.0);
+        let within = paper_through(Vec3::Y, normal);
+        let sine = within.cross(normal).length();
+        assert!((sine - 0.6 / WATER_INDEX as f32).abs() < ROUND_OFF);
+        // Half as far as light is bent that comes out again.
+        let (exit, _) = through_ball(Vec3::Y, normal);
+        let angle = |v: Vec3| libm::acosf(v.y.min(1.0));
+        assert!((2.0 * angle(within) - angle(exit)).abs() < 30.0 * ROUND_OFF);
+    }
+}

@@ -144,7 +144,7 @@ fn blobs(variant: u64, time: f32) -> Vec<Blob> {
         for _ in 0..2 {
             let begin = random.range(0.06, 0.24) as f32;
             let up = random.range(4.5, 9.0) as f32;
-            let out = random.range(0.8, 2.4) as f32;
+            let out = random.range(0.7, 1.7) as f32;
             let radius = random.range(0.045, 0.12) as f32;
             let age = time - begin;
             let height = 0.5 + up * age - 0.5 * GRAVITY * age * age;
