@@ -13,7 +13,9 @@ use squall_runtime::glam::DVec3;
 use squall_runtime::wet::drip::{DripControls, Drips};
 use squall_runtime::wet::drop::{DropControls, Drops};
 use squall_runtime::wet::frame::{Layer, WetFrame};
+use squall_runtime::wet::halo::{HaloControls, Halos};
 use squall_runtime::wet::splash::{SplashControls, Splashes};
+use squall_runtime::wet::splatter::{SplatterControls, Splatters};
 use std::error::Error;
 use std::path::Path;
 use street::Street;
@@ -37,6 +39,8 @@ fn effects() -> Vec<(&'static str, Draw)> {
         effect!("splashes", Splashes::new(), SplashControls::default()),
         effect!("drips", Drips::new(), DripControls::default()),
         effect!("drops", Drops::new(), DropControls::default()),
+        effect!("halos", Halos::new(), HaloControls::default()),
+        effect!("splatters", Splatters::new(), SplatterControls::default()),
     ]
 }
 

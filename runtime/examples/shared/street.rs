@@ -177,7 +177,8 @@ fn maps() -> WetMaps {
     let cells = || (0..260 * 220).map(middle);
     let overhead = [0, 1, 2].map(|band| {
         let light = |at: DVec2| {
-            let on = |lamp: &(DVec3, Vec3)| lamp.1[band] * lit(at.extend(0.0), DVec3::Z, lamp.0);
+            let on =
+                |lamp: &(DVec3, Vec3)| lamp.1[band] * lit(at.extend(f64::from(over(at))), DVec3::Z, lamp.0);
             LAMPS.iter().map(on).sum()
         };
         map(cells().map(light).collect())
