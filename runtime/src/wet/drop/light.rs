@@ -18,8 +18,6 @@ const DROP_ASYMMETRY: f64 = 0.77;
 const MIRROR_ASYMMETRY: f64 = 0.98;
 /// Share of the picture at its edges over which what drops see of it gives way to the world's light.
 const MARGIN: f32 = 0.06;
-/// Lowest height over the horizon, as a sine, of the direction that light from overhead is taken to come from.
-const LOWEST_LAMP: f32 = 0.35;
 
 /// What stays from frame to frame while the world's light does.
 #[derive(Clone, Debug, Default)]
@@ -190,8 +188,7 @@ impl DropLight<'_> {
         scattered(direction, towards.as_vec3()) + sent_on.max(0.0)
     }
 
-    /// Where light from lamps overhead comes from, and its irradiance across its way. A lamp of height h gives a flat ground h/(h² + r²)^{3/2}: near it
-    /// light falls off by 3 r/h² of itself a metre, so the map's own slope says where the lamp stands.
+    /// Where light from lamps overhead comes from, and its irradiance across its way: the map's own slope says where the lamp stands.
     fn overhead(&self, place: DVec3) -> Option<(Vec3, Vec3)> {
         let maps = self.maps.overhead.as_ref()?;
         let at = place.truncate();
@@ -210,11 +207,39 @@ impl DropLight<'_> {
         let slopes =
             Vec3::new(beside(1.0, 0.0) - beside(-1.0, 0.0), beside(0.0, 1.0) - beside(0.0, -1.0), 0.0)
                 / across;
-        let lean = (slopes * (self.lamp_height_m / 3.0)).clamp_length_max(1.0 / LOWEST_LAMP);
+        let uphill = slopes.normalize_or_zero();
+        // Losses a little nearer to the lamp and a little farther off.
+        let step = UPHILL_M / map.cell_m;
+        let [x, y] = [f64::from(uphill.x) * step, f64::from(uphill.y) * step];
+        let [nearer, farther] = [beside(x, y), beside(-x, -y)];
+        let most = here.max_element();
+        let [nearer, farther] = [(nearer - most) / (nearer + most), (most - farther) / (most + farther)];
+        let beyond = 4.0 * (nearer - farther) / (nearer.abs() + farther.abs()).max(1e-6);
+        let lean = uphill * lamp_lean(slopes.length(), self.lamp_height_m, beyond.clamp(-1.0, 1.0));
         let towards = (lean + Vec3::Z).normalize();
-        Some((towards, here / towards.z.max(LOWEST_LAMP)))
+        Some((towards, here / towards.z))
     }
 }
+
+/// Tangent of the angle between the vertical and the lamp, from the share of its light that a flat ground loses a metre. A lamp of height h gives h/(h² + r²)^{3/2}, which
+/// loses 3r/(h² + r²): more with the distance up to r = h, less beyond. `beyond` says which of both distances is meant, −1 the nearer, 1 the farther. No lamp loses
+/// more than 1.5/h: where maps do, they have a step (a shadow, a roof's edge), which says nothing.
+fn lamp_lean(loss: f32, height: f32, beyond: f32) -> f32 {
+    let share = loss * height / 1.5;
+    if share > 1.0 {
+        return 1.0 / (share * share * share);
+    }
+    // r/h, in a form that keeps its digits where the loss is small.
+    let near = share / (1.0 + (1.0 - share * share).sqrt());
+    let far = (1.0 / near.max(1e-3)).min(FARTHEST_LAMP);
+    // Where there is no loss there is no far lamp to be told from one overhead.
+    let far = if share < 0.05 { near } else { far };
+    0.5 * ((1.0 - beyond) * near + (1.0 + beyond) * far)
+}
+
+/// Farthest lamp, over its height, and how far uphill and downhill the light map is asked, m.
+const FARTHEST_LAMP: f32 = 2.5;
+const UPHILL_M: f64 = 0.4;
 
 /// Share a steradian of light from `towards` that water sends to an eye that looks along `direction`.
 fn scattered(direction: Vec3, towards: Vec3) -> f32 {
@@ -229,4 +254,36 @@ pub(crate) fn glint(flat: Vec2, from: Vec2) -> f32 {
     const WIDE: f32 = 0.08;
     let away = (flat + 0.75 * from).length_squared() / WIDE;
     1.0 - IMAGE + IMAGE / (WIDE * (1.0 + away) * (1.0 + away))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_light_of_a_lamp_says_where_it_stands() {
+        for (height, away) in [(5.0f32, 0.0f32), (5.0, 2.0), (3.0, 2.9)] {
+            let loss = 3.0 * away / (height * height + away * away);
+            assert!((lamp_lean(loss, height, -1.0) - away / height).abs() < 2e-3, "{height} {away}");
+        }
+        let loss = 3.0 * 9.0 / (16.0 + 81.0);
+        assert!((lamp_lean(loss, 4.0, 1.0) - 2.25).abs() < 2e-3);
+        assert!(lamp_lean(100.0, 5.0, 1.0) < 1e-3, "a step is no lamp");
+    }
+
+    #[test]
+    fn a_glint_gathers_light_and_makes_none() {
+        /// A square grid over a disc; the image's foot reaches over its rim.
+        const RIM: f32 = 0.1;
+        for from in [Vec2::ZERO, Vec2::new(0.4, 0.0), Vec2::new(0.0, -0.7)] {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for k in 0..10_000 {
+                let flat = Vec2::new((k % 100) as f32 + 0.5, (k / 100) as f32 + 0.5) / 50.0 - 1.0;
+                if flat.length_squared() < 1.0 {
+                    (sum, count) = (sum + glint(flat, from), count + 1.0);
+                }
+            }
+            assert!((sum / count - 1.0).abs() < RIM, "{from} {}", sum / count);
+        }
+    }
 }
