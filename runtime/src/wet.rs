@@ -22,4 +22,5 @@ pub mod material;
 pub mod puddle;
 pub mod ripples;
 
+mod maps_asset;
 mod slopes;
