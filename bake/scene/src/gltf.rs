@@ -33,12 +33,7 @@ struct File<'a> {
 
 pub(crate) fn read(bytes: &[u8], beside: &mut Beside<'_>, how: &Read) -> Result<Scene, SceneError> {
     let (json, blob) = split(bytes)?;
-    let root = Root::from_slice(json).map_err(|error| {
-        let place = format!("glTF JSON, line {} column {}", error.line(), error.column());
-        let message = error.to_string();
-        let message = message.split(" at line ").next().unwrap_or_default().to_owned();
-        SceneError::input(place, "glTF 2.0", message)
-    })?;
+    let root = root_of(json)?;
     let version = root.asset.version.as_str();
     if version != "2" && !version.starts_with("2.") {
         return Err(SceneError::input("asset.version", "2.x", version));
@@ -61,6 +56,39 @@ pub(crate) fn read(bytes: &[u8], beside: &mut Beside<'_>, how: &Read) -> Result<
         return Err(SceneError::input("meshes", "at least one triangle", found));
     }
     Ok(scene)
+}
+
+fn root_of(json: &[u8]) -> Result<Root, SceneError> {
+    Root::from_slice(json).map_err(|error| {
+        let place = format!("glTF JSON, line {} column {}", error.line(), error.column());
+        let message = error.to_string();
+        let message = message.split(" at line ").next().unwrap_or_default().to_owned();
+        SceneError::input(place, "glTF 2.0", message)
+    })
+}
+
+/// Names of the files that reading a scene reads beside it, percent-decoded, each once.
+pub(crate) fn named_files(bytes: &[u8]) -> Result<Vec<String>, SceneError> {
+    let root = root_of(split(bytes)?.0)?;
+    let mut names: Vec<String> = Vec::new();
+    let mut add = |uri: Option<&String>| {
+        let name = uri.filter(|uri| !uri.starts_with("data:")).and_then(|uri| buffers::percent_decoded(uri));
+        if let Some(name) = name.filter(|name| !names.contains(name)) {
+            names.push(name);
+        }
+    };
+    root.buffers.iter().for_each(|buffer| add(buffer.uri.as_ref()));
+    for material in &root.materials {
+        let base = material.pbr_metallic_roughness.base_color_texture.as_ref();
+        let shines = material.emissive_factor.0.iter().any(|band| *band > 0.0);
+        let emissive = material.emissive_texture.as_ref().filter(|_| shines);
+        for texture in [base, emissive].into_iter().flatten() {
+            let image = root.textures.get(texture.index.value());
+            let image = image.and_then(|texture| root.images.get(texture.source.value()));
+            add(image.and_then(|image| image.uri.as_ref()));
+        }
+    }
+    Ok(names)
 }
 
 /// The JSON of a .glb and its binary chunk, or the JSON of a .gltf.

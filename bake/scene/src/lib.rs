@@ -29,6 +29,13 @@ pub use record::section_of;
 pub use scene::{Lamp, LampKind, Limits, Material, Read, Scene, SceneReport};
 pub use world::{Hit, Ray, World};
 
+/// Names of the files that [`Scene::read`] would read beside a scene, percent-decoded, each once.
+///
+/// Errors: bytes that are no glTF.
+pub fn named_files(bytes: &[u8]) -> Result<Vec<String>, SceneError> {
+    gltf::named_files(bytes)
+}
+
 /// How far a long computation is, and whether somebody wants it to stop. Called from several threads.
 pub trait Progress: Sync {
     /// A part of `total` steps begins.
