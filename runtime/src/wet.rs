@@ -40,4 +40,5 @@ pub mod splash;
 pub mod splatter;
 pub mod surface;
 
+mod maps_asset;
 mod slopes;
