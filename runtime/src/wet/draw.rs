@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | 1 | lightning on surfaces | the buffers |
 //! | 2 | wet surfaces | the frame lit by it |
-//! | 3 | what rain does where it lands | the wet frame |
+//! | 3 | splatters, splashes, what drips, mist at silhouettes, drops close to the lens | the wet frame, and what was drawn over it |
 //! | 4 | rain: its medium, which dims by Beer and Lambert's law, and its streaks | the wet frame |
 //! | 5 | glow | the lights of the wet frame, before rain is before them |
 //!
@@ -14,9 +14,14 @@ mod settings;
 
 pub use settings::{Effect, RainControls, WetSettings};
 
+use super::drip::Drips;
+use super::drop::Drops;
 use super::frame::{GBuffer, Layer, WetFrame};
 use super::glow::{Glow, paper_fog};
+use super::halo::Halos;
 use super::ripples::DropFlux;
+use super::splash::Splashes;
+use super::splatter::Splatters;
 use super::surface::{Surface, lightning};
 use crate::depth::{DepthBuffer, DepthHoles, DepthKind};
 use crate::error::RuntimeError;
@@ -96,6 +101,11 @@ pub struct WetReport {
 /// ```
 pub struct WetRenderer {
     surface: Surface,
+    splatters: Splatters,
+    splashes: Splashes,
+    drips: Drips,
+    halos: Halos,
+    drops: Drops,
     glow: Glow,
     rain: FrameRain,
     layers: Vec<(Effect, Layer)>,
@@ -123,6 +133,11 @@ impl WetRenderer {
     fn of(rain: FrameRain) -> Result<Self, RuntimeError> {
         Ok(Self {
             surface: Surface::new(0)?,
+            splatters: Splatters::new(),
+            splashes: Splashes::new(),
+            drips: Drips::new(),
+            halos: Halos::new(),
+            drops: Drops::new(),
             glow: Glow::new(),
             rain,
             layers: Vec::new(),
@@ -204,6 +219,14 @@ impl WetRenderer {
         Ok(match effect {
             Effect::Lightning => lightning::draw(frame, &settings.lightning, layer)?.pixels,
             Effect::Surface => self.surface.draw(frame, &settings.surface, layer)?.wet,
+            Effect::Splatters => self.splatters.draw(frame, &settings.splatters, layer)?.rings as usize,
+            Effect::Splashes => self.splashes.draw(frame, &settings.splashes, layer)?.splashes as usize,
+            Effect::Drips => self.drips.draw(frame, &settings.drips, layer)?.falling as usize,
+            Effect::Halos => {
+                let report = self.halos.draw(frame, &settings.halos, layer)?;
+                (report.fins + report.edges) as usize
+            }
+            Effect::Drops => self.drops.draw(frame, &settings.drops, layer)?.drops as usize,
             Effect::Rain => rain((&mut self.rain, &self.picture), frame, &settings.rain, layer)?.1,
             Effect::Glow => {
                 let lights = wet.unwrap_or(&self.picture);

@@ -179,7 +179,7 @@ impl Sequence {
         mut self,
         (renderer, settings): (&mut WetRenderer, &WetSettings),
         reading: &Reading,
-        asset: &[u8],
+        (asset, maps): (&[u8], &WetMaps),
         bars: &Bars,
     ) -> anyhow::Result<Made> {
         let (mut made, mut shared) = (Made::default(), None);
@@ -204,7 +204,7 @@ impl Sequence {
             let step = &self.steps[number];
             let result = self.frame(
                 (step, &flux, &said),
-                (renderer, settings, reading, asset),
+                (renderer, settings, reading, (asset, maps)),
                 (&mut taken, &mut shared, &mut made),
             );
             match result {
@@ -237,7 +237,12 @@ impl Sequence {
     fn frame(
         &self,
         (step, flux, said): (&Step, &[DropFlux], &str),
-        (renderer, settings, reading, asset): (&mut WetRenderer, &WetSettings, &Reading, &[u8]),
+        (renderer, settings, reading, (asset, maps)): (
+            &mut WetRenderer,
+            &WetSettings,
+            &Reading,
+            (&[u8], &WetMaps),
+        ),
         (taken, shared, made): (&mut Option<(PathBuf, TakenBuffer)>, &mut Option<Shared>, &mut Made),
     ) -> anyhow::Result<()> {
         let input = picture_file(&step.input)?;
@@ -262,11 +267,10 @@ impl Sequence {
             made.kept += 1;
             return Ok(());
         }
-        let maps = WetMaps::default();
         let frame = WetFrame {
             buffer: &buffers.buffer,
             camera: &buffers.camera,
-            maps: &maps,
+            maps,
             light: &all.light,
             rate_mm_per_h: self.rate,
             flux,
