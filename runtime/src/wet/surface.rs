@@ -317,7 +317,6 @@ impl Surface {
         let falls = falls(frame);
         let (width, hollows) = (buffer.size[0], &self.hollows);
         let row = |(y, states): (usize, &mut [State])| {
-            let (mut wet, mut standing) = (0, 0);
             for (x, state) in states.iter_mut().enumerate() {
                 let at = y * width + x;
                 let depth = buffer.depth_m[at];
@@ -339,16 +338,11 @@ impl Surface {
                     );
                     state.puddle = (water * controls.influence).clamp(0.0, 1.0);
                 }
-                wet += usize::from(state.wetness > 0.0);
-                standing += usize::from(state.puddle > PUDDLE);
             }
-            (wet, standing)
         };
-        self.states
-            .par_chunks_mut(width)
-            .enumerate()
-            .map(row)
-            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+        self.states.par_chunks_mut(width).enumerate().for_each(row);
+        let wet = self.states.iter().filter(|state| state.wetness > 0.0).count();
+        (wet, self.states.iter().filter(|state| state.puddle > PUDDLE).count())
     }
 }
 
