@@ -32,4 +32,5 @@ pub mod ripples;
 pub mod splash;
 pub mod splatter;
 
+mod maps_asset;
 mod slopes;
