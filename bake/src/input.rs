@@ -5,6 +5,7 @@
 
 pub mod depth;
 pub mod facts;
+pub mod gbuffer;
 pub mod json;
 pub mod light_probe;
 #[cfg(feature = "meshes")]
