@@ -14,6 +14,7 @@ use squall_runtime::wet::drip::{DripControls, Drips};
 use squall_runtime::wet::drop::{DropControls, Drops};
 use squall_runtime::wet::frame::{Layer, WetFrame};
 use squall_runtime::wet::halo::{HaloControls, Halos};
+use squall_runtime::wet::layers::{LayerControls, Layers};
 use squall_runtime::wet::splash::{SplashControls, Splashes};
 use squall_runtime::wet::splatter::{SplatterControls, Splatters};
 use std::error::Error;
@@ -40,6 +41,7 @@ fn effects() -> Vec<(&'static str, Draw)> {
         effect!("drips", Drips::new(), DripControls::default()),
         effect!("drops", Drops::new(), DropControls::default()),
         effect!("halos", Halos::new(), HaloControls::default()),
+        effect!("layers", Layers::new(1), LayerControls::default()),
         effect!("splatters", Splatters::new(), SplatterControls::default()),
     ]
 }

@@ -17,7 +17,7 @@ pub(crate) use light::glint;
 pub use look::{Opacity, distance_fade, lightning_bias, milky, paper_opacity};
 pub use rain::{DropControls, DropReport, Drops};
 pub use stamp::flatness;
-pub(crate) use stamp::{Paint, Stamp, velocity_blur};
+pub(crate) use stamp::{Paint, Stamp, covered, velocity_blur};
 
 use crate::error::RuntimeError;
 use crate::wet::frame::WetFrame;
