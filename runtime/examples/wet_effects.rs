@@ -3,7 +3,7 @@
 //! Concept: an effect is told of a frame by [`WetFrame`](squall_runtime::wet::frame::WetFrame): the renderer's buffers, what was baked of the
 //! scene, the rain. It draws a [`Layer`], which lies over the frame. The same time gives the same picture.
 //!
-//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--view street|ground|ledge|car] [--size WxH]`
+//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--view street|ground|ledge|car|wall] [--size WxH]`
 
 #[path = "shared/street.rs"]
 mod street;
@@ -13,6 +13,7 @@ use squall_runtime::glam::DVec3;
 use squall_runtime::wet::drip::{DripControls, Drips};
 use squall_runtime::wet::drop::{DropControls, Drops};
 use squall_runtime::wet::frame::{Layer, WetFrame};
+use squall_runtime::wet::glass::{Glass, GlassSettings, GlassShadows, Pane, PaneLight, ShadowControls};
 use squall_runtime::wet::halo::{HaloControls, Halos};
 use squall_runtime::wet::layers::{LayerControls, Layers};
 use squall_runtime::wet::splash::{SplashControls, Splashes};
@@ -43,7 +44,34 @@ fn effects() -> Vec<(&'static str, Draw)> {
         effect!("halos", Halos::new(), HaloControls::default()),
         effect!("layers", Layers::new(1), LayerControls::default()),
         effect!("splatters", Splatters::new(), SplatterControls::default()),
+        ("shadows", shadows()),
     ]
+}
+
+/// A wet pane before the street's wall, and what a lamp shines through it.
+fn shadows() -> Draw {
+    let mut glass =
+        Glass::new(GlassSettings { cells: [200, 200], spacing_m: 4e-3, ..GlassSettings::default() })
+            .expect("a pane of usual glass");
+    for _ in 0..20 {
+        glass.rain(3e-3, 60.0, 1.0).and_then(|_| glass.advance(0.1)).expect("a shower");
+    }
+    let pane = Pane {
+        corner_m: DVec3::new(0.6, 8.95, 1.8),
+        across_m: DVec3::new(0.8, 0.0, 0.0),
+        down_m: DVec3::new(0.0, 0.0, -0.8),
+    };
+    let lamp = PaneLight::Lamp(DVec3::new(-5.5, 3.0, 4.2));
+    let mut shadows = GlassShadows::new();
+    Box::new(move |frame, out| {
+        let report = shadows.draw(
+            (&glass, &pane, &lamp),
+            frame,
+            &ShadowControls { far_m: 0.2, ..ShadowControls::default() },
+            out,
+        )?;
+        Ok(format!("{report:?}"))
+    })
 }
 
 /// Nanoseconds that this thread has had a processor for, where the system says so.
@@ -86,7 +114,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         "ground" => (DVec3::new(3.9, 4.6, 0.55), DVec3::new(3.3, 6.2, 0.2)),
         "ledge" => (DVec3::new(-0.6, 6.4, 2.2), DVec3::new(-1.5, 7.8, 2.2)),
         "car" => (DVec3::new(-0.2, 3.4, 1.25), DVec3::new(1.9, 6.2, 0.95)),
-        _ => return Err("--view wants street, ground, ledge or car".into()),
+        "wall" => (DVec3::new(0.7, 7.6, 1.3), DVec3::new(1.0, 9.0, 1.35)),
+        _ => return Err("--view wants street, ground, ledge, car or wall".into()),
     };
     let street = Street::new(eye, target, size, rate)?;
     let frame = street.frame(1.234);

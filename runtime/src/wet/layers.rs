@@ -19,7 +19,7 @@ use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
 use crate::wet::drop::{self, Opacity, glint, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::material::{WATER_INDEX, fresnel};
-use glam::{DVec2, DVec3, Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2};
 
 controls! {
     /// How layers of rain look.
@@ -72,6 +72,8 @@ const SIDE: i64 = 256;
 const MOST_PER_M3: f64 = 2500.0;
 /// Smallest drop that makes a streak, m.
 const LEAST_M: f64 = 1e-3;
+/// Pixels along the side of a block that has one light.
+const BLOCK: usize = 16;
 /// Share of a texel's height that a drop's way may take.
 const LONGEST: f32 = 0.8;
 
@@ -172,9 +174,9 @@ impl Layers {
         let blur = controls.blur * drop::velocity_blur(sheet.way, sheet.radius);
         let mut touched = 0;
         let step = Vec2::new(across.x / sheet.cell.x, along.x / sheet.cell.y);
-        // Neighbours in a row are mostly of one texel, whose drop and light are looked up once.
+        // Neighbours in a row are mostly of one texel, whose drop is looked up once; light once a block.
         let mut texel = ([i64::MAX; 2], None);
-        let mut known: Option<([i64; 2], (Vec3, Vec2))> = None;
+        let mut known = vec![None; eye.size[0].div_ceil(BLOCK) * eye.size[1].div_ceil(BLOCK)];
         for y in 0..eye.size[1] {
             let at = Vec2::new(0.5 - middle.x, middle.y - y as f32 - 0.5);
             let begin = [at.dot(across) / sheet.cell.x, at.dot(along) / sheet.cell.y - sheet.fallen.1];
@@ -206,15 +208,13 @@ impl Layers {
                 if alpha < 1e-3 {
                     continue;
                 }
-                let beams = match known {
-                    Some((whose, beams)) if whose == low => beams,
-                    _ => {
-                        let offset = eye.at(x as f32, y as f32, sheet.depth);
-                        let place: DVec3 = eye.position + offset.as_dvec3();
-                        let (beams, from) = light.beams_from(place, eye.towards(offset));
-                        known.insert((low, (beams * controls.back_light, from))).1
-                    }
-                };
+                let block = y / BLOCK * eye.size[0].div_ceil(BLOCK) + x / BLOCK;
+                let beams = *known[block].get_or_insert_with(|| {
+                    let offset = eye.at(x as f32, y as f32, sheet.depth);
+                    let place: DVec3 = eye.position + offset.as_dvec3();
+                    let (beams, from) = light.beams_from(place, eye.towards(offset));
+                    (beams * controls.back_light, from)
+                });
                 let spot = Spot { x: x as f32, y: y as f32, depth: sheet.depth };
                 let shown = light.ball(&spot).radiance(turned, blur) + beams.0 * glint(turned, beams.1);
                 let colour = milky(shown * opacity.lightning_bias, controls.milk);
