@@ -51,15 +51,15 @@ fn effects() -> Vec<(&'static str, Draw)> {
 /// A wet pane before the street's wall, and what a lamp shines through it.
 fn shadows() -> Draw {
     let mut glass =
-        Glass::new(GlassSettings { cells: [200, 200], spacing_m: 4e-3, ..GlassSettings::default() })
+        Glass::new(GlassSettings { cells: [300, 300], spacing_m: 1e-3, ..GlassSettings::default() })
             .expect("a pane of usual glass");
     for _ in 0..20 {
-        glass.rain(3e-3, 60.0, 1.0).and_then(|_| glass.advance(0.1)).expect("a shower");
+        glass.rain(3.2e-3, 60.0, 1.0).and_then(|_| glass.advance(0.1)).expect("a shower");
     }
     let pane = Pane {
-        corner_m: DVec3::new(0.6, 8.95, 1.8),
-        across_m: DVec3::new(0.8, 0.0, 0.0),
-        down_m: DVec3::new(0.0, 0.0, -0.8),
+        corner_m: DVec3::new(0.85, 8.985, 1.5),
+        across_m: DVec3::new(0.3, 0.0, 0.0),
+        down_m: DVec3::new(0.0, 0.0, -0.3),
     };
     let lamp = PaneLight::Lamp(DVec3::new(-5.5, 3.0, 4.2));
     let mut shadows = GlassShadows::new();
@@ -114,7 +114,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "ground" => (DVec3::new(3.9, 4.6, 0.55), DVec3::new(3.3, 6.2, 0.2)),
         "ledge" => (DVec3::new(-0.6, 6.4, 2.2), DVec3::new(-1.5, 7.8, 2.2)),
         "car" => (DVec3::new(-0.2, 3.4, 1.25), DVec3::new(1.9, 6.2, 0.95)),
-        "wall" => (DVec3::new(0.7, 7.6, 1.3), DVec3::new(1.0, 9.0, 1.35)),
+        "wall" => (DVec3::new(0.9, 8.55, 1.33), DVec3::new(1.02, 9.0, 1.34)),
         _ => return Err("--view wants street, ground, ledge, car or wall".into()),
     };
     let street = Street::new(eye, target, size, rate)?;

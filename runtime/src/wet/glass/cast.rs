@@ -53,8 +53,8 @@ pub struct ShadowReport {
 
 /// Screens behind a pane, at distances of which each is twice the one before.
 const SCREENS: usize = 4;
-/// Values a cell.
-const PER_CELL: usize = 2;
+/// Values of a screen that are made at most where cells are told apart finer than one by one.
+const VALUES_MOST: usize = 400_000;
 
 /// Shadows of drops, with the memory that is kept from frame to frame.
 #[derive(Clone, Debug, Default)]
@@ -96,7 +96,7 @@ impl GlassShadows {
         self.cast(glass, controls)?;
         let (eye, buffer) = (Eye::new(frame.camera), frame.buffer);
         let (mut report, size) =
-            (ShadowReport::default(), glass.settings().cells.map(|cells| cells * PER_CELL));
+            (ShadowReport::default(), glass.settings().cells.map(|cells| cells * per_cell(glass)));
         let (normal, distant) = (facing.normalize(), towards.normalize_or_zero());
         for pixel in 0..buffer.pixels() {
             let depth = buffer.depth_m[pixel];
@@ -129,15 +129,15 @@ impl GlassShadows {
 
     /// Light behind the pane on screens at an eighth, a quarter, half and all of the farthest distance.
     fn cast(&mut self, glass: &Glass, controls: &ShadowControls) -> Result<(), RuntimeError> {
-        let cells = glass.settings().cells;
+        let (cells, per_cell) = (glass.settings().cells, per_cell(glass));
         self.screens.resize_with(SCREENS, Vec::new);
-        for (k, screen) in self.screens.iter_mut().enumerate() {
-            screen.clear();
-            screen.resize(cells[0] * cells[1] * PER_CELL * PER_CELL, 0.0);
-            let share = f64::from(1u32 << k) / f64::from(1u32 << (SCREENS - 1));
-            glass.screen(PER_CELL, share * f64::from(controls.far_m), screen)?;
+        let share = |k: usize| f64::from(1u32 << k) / f64::from(1u32 << (SCREENS - 1));
+        let distances: [f64; SCREENS] = std::array::from_fn(|k| share(k) * f64::from(controls.far_m));
+        for screen in &mut self.screens {
+            screen.resize(cells[0] * cells[1] * per_cell * per_cell, 0.0);
         }
-        Ok(())
+        let mut screens: Vec<&mut [f32]> = self.screens.iter_mut().map(Vec::as_mut_slice).collect();
+        glass.screens(per_cell, &distances, &mut screens)
     }
 
     /// Light at a place of the pane and a share of the farthest distance, between screens; before the first one between it and a dry pane.
@@ -164,6 +164,11 @@ impl GlassShadows {
         let (first, second) = (of(&self.screens[low]), of(&self.screens[low + 1]));
         first + part * (second - first)
     }
+}
+
+fn per_cell(glass: &Glass) -> usize {
+    let [across, down] = glass.settings().cells;
+    if across * down * 4 <= VALUES_MOST { 2 } else { 1 }
 }
 
 impl Pane {

@@ -21,29 +21,50 @@ impl Glass {
     ///
     /// `per_cell` outside 1 to 8, not a value for each, or a distance outside 0 to 100 m.
     pub fn screen(&self, per_cell: usize, distance_m: f64, out: &mut [f32]) -> Result<(), RuntimeError> {
-        let [width, height] = self.fine(per_cell, out)?;
-        if !(0.0..=100.0).contains(&distance_m) {
-            return Err(RuntimeError::argument("distance_m", "0 to 100", distance_m));
+        self.screens(per_cell, &[distance_m], &mut [out])
+    }
+
+    /// The same at several distances.
+    pub(super) fn screens(
+        &self,
+        per_cell: usize,
+        distances_m: &[f64],
+        outs: &mut [&mut [f32]],
+    ) -> Result<(), RuntimeError> {
+        let per_m = per_cell as f64 / self.settings().spacing_m;
+        let mut reaches = Vec::with_capacity(outs.len());
+        for (distance_m, out) in distances_m.iter().zip(outs.iter_mut()) {
+            self.fine(per_cell, out)?;
+            if !(0.0..=100.0).contains(distance_m) {
+                return Err(RuntimeError::argument("distance_m", "0 to 100", distance_m));
+            }
+            out.fill(0.0);
+            reaches.push(((WATER_INDEX - 1.0) * distance_m * per_m) as f32);
         }
+        let [width, height] = self.settings().cells.map(|cells| cells * per_cell);
         let mut heights = vec![0.0; width * height];
         self.heights(per_cell, &mut heights)?;
         let heights = super::see::with_margin([width, height], &heights);
-        let per_m = per_cell as f64 / self.settings().spacing_m;
-        let reach = ((WATER_INDEX - 1.0) * distance_m * per_m) as f32;
         let straight = 1.0 - fresnel(1.0, WATER_INDEX) as f32;
-        out.fill(0.0);
         for y in 0..height {
             let rows = [0, 1, 2].map(|k| &heights[(y + k) * (width + 2)..][..width + 2]);
             for x in 0..width {
                 let slope = sobel(rows, x, per_m as f32);
                 if slope == [0.0; 2] {
-                    out[y * width + x] += 1.0;
+                    outs.iter_mut().for_each(|out| out[y * width + x] += 1.0);
                     continue;
                 }
                 let steep = libm::sqrtf(1.0 + slope[0] * slope[0] + slope[1] * slope[1]);
                 let through = (1.0 - fresnel(f64::from(1.0 / steep), WATER_INDEX) as f32) / straight;
-                let at = [x as f32 + reach * slope[0] / steep, y as f32 + reach * slope[1] / steep];
-                land(at, through, [width, height], out);
+                for (reach, out) in reaches.iter().zip(outs.iter_mut()) {
+                    let bend = reach / steep;
+                    land(
+                        [x as f32 + bend * slope[0], y as f32 + bend * slope[1]],
+                        through,
+                        [width, height],
+                        out,
+                    );
+                }
             }
         }
         Ok(())
