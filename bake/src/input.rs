@@ -5,8 +5,11 @@
 
 pub mod depth;
 pub mod facts;
+pub mod gbuffer;
 pub mod json;
 pub mod light_probe;
+#[cfg(feature = "meshes")]
+pub mod meshes;
 pub mod npy;
 pub mod picture;
 pub mod pose;

@@ -6,6 +6,8 @@ use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder, Text, WritableImage,
 };
+use squall_runtime::Camera;
+use squall_runtime::glam::DMat4;
 use squall_runtime::picture::Picture;
 use squall_runtime::tone::Tone;
 use std::io::Write;
@@ -62,6 +64,16 @@ pub fn encode_layers(
     channels: Vec<(String, ChannelValues)>,
     note: Option<Note>,
 ) -> std::io::Result<Vec<u8>> {
+    encode_seen_layers(size, channels, (note, None))
+}
+
+/// [`encode_layers`] with the camera that they were drawn with, as the standard's `worldToCamera` and `worldToNDC`: points are row vectors, x and y from
+/// −1 to 1, y up. Errors: a picture without pixels.
+pub fn encode_seen_layers(
+    size: (usize, usize),
+    channels: Vec<(String, ChannelValues)>,
+    (note, camera): (Option<Note>, Option<&Camera>),
+) -> std::io::Result<Vec<u8>> {
     let channels = channels.into_iter().map(|(name, values)| {
         let samples = match values {
             ChannelValues::Floats(values) => FlatSamples::F32(values),
@@ -69,9 +81,13 @@ pub fn encode_layers(
         };
         AnyChannel::new(name.as_str(), samples)
     });
-    write_channels(size, channels.collect(), note)
+    write_channels(size, channels.collect(), (note, camera))
 }
 
+/// What layers that know their camera say of their writer.
+pub const SOFTWARE: &str = "squall";
+/// Distance of the plane before a camera that its matrix needs and nobody asks for, m.
+const NEAR_M: f64 = 0.1;
 /// Largest number of a 16-bit float.
 const LARGEST_HALF: f32 = 65_504.0;
 
@@ -129,7 +145,7 @@ fn encode_channels(
     note: Option<Note>,
 ) -> std::io::Result<Vec<u8>> {
     let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
-    write_channels(size, channels.collect(), note)
+    write_channels(size, channels.collect(), (note, None))
 }
 
 /// Bytes of an OpenEXR file with these channels, each `width * height` values, row 0 on top; in 16-bit floats, cut to what they hold, or
@@ -147,13 +163,13 @@ pub fn encode_named_channels(
         };
         AnyChannel::new(name, samples)
     });
-    write_channels(size, channels.collect(), None)
+    write_channels(size, channels.collect(), (None, None))
 }
 
 fn write_channels(
     size: (usize, usize),
     channels: Vec<AnyChannel<FlatSamples>>,
-    note: Option<Note>,
+    (note, camera): (Option<Note>, Option<&Camera>),
 ) -> std::io::Result<Vec<u8>> {
     let channels = AnyChannels::sort(channels.into_iter().collect());
     let encoding = Encoding {
@@ -164,6 +180,14 @@ fn write_channels(
     let mut attributes = LayerAttributes::default();
     if let Some(Note { keyword, text }) = note {
         attributes.other.insert(exr_text(keyword)?, AttributeValue::Text(exr_text(text)?));
+    }
+    if let Some(camera) = camera {
+        // A glam matrix's columns, one after another, are its rows as row vectors have it.
+        let stored = |matrix: DMat4| matrix.to_cols_array().map(|value| value as f32);
+        let view = camera.view_matrix();
+        attributes.software_name = Some(exr_text(SOFTWARE)?);
+        attributes.world_to_camera = Some(stored(view));
+        attributes.world_to_normalized_device = Some(stored(camera.projection_matrix(NEAR_M) * view));
     }
     let image = Image::from_layer(Layer::new(size, attributes, encoding, channels));
     let mut bytes = std::io::Cursor::new(Vec::new());

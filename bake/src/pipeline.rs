@@ -6,6 +6,8 @@ mod gathered;
 mod rain;
 mod rain_map;
 mod records;
+#[cfg(feature = "meshes")]
+mod scene;
 mod stage;
 mod town;
 
@@ -47,6 +49,8 @@ pub fn bake_with(
     let mut output = rain::rain(recipe, progress)?;
     output.append(town::town(recipe)?);
     output.append(town::scenery(recipe));
+    #[cfg(feature = "meshes")]
+    output.append(scene::scene(recipe, cache, progress)?);
     output.append(clouds::clouds(recipe, cache, progress)?);
     let StageOutput { mut sections, inputs, budgets, reports } = output;
     let made_from = ProvenanceSection {

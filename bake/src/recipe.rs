@@ -10,6 +10,7 @@ mod number;
 mod place;
 mod rain;
 mod rain_map;
+mod scene;
 mod sun;
 mod view;
 
@@ -37,6 +38,11 @@ impl Recipe {
             self.rain.as_ref().and_then(|rain| rain.map.as_ref()).map(|map| &map.source)
         {
             files.push(path.clone());
+        }
+        #[cfg(feature = "meshes")]
+        if let Some(scene) = &self.scene {
+            files.extend(crate::input::meshes::mesh_files(&scene.file)?);
+            files.extend(scene.puddles.iter().map(|mask| mask.file.clone()));
         }
         if let Some(clouds) = &self.clouds {
             files.extend(scene_files(&clouds.scene)?);

@@ -2,5 +2,7 @@
 
 pub mod cloud;
 pub mod streak;
+#[cfg(feature = "meshes")]
+pub mod street;
 pub mod stroke;
 pub mod town;

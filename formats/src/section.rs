@@ -11,6 +11,7 @@ pub mod response;
 pub mod streak;
 pub mod town;
 pub mod view;
+pub mod wet_maps;
 
 pub use crate::meta::check_version;
 pub use crate::tag::Tag;
@@ -30,6 +31,7 @@ pub const KNOWN: &[Tag] = &[
     streak::StreakSection::TAG,
     town::TownSection::TAG,
     view::ViewSection::TAG,
+    wet_maps::WetMapsSection::TAG,
 ];
 
 /// Those of [`KNOWN`] that an asset marks as required; it marks none of the others so.

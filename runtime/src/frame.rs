@@ -286,6 +286,7 @@ impl Frame {
                 .collect(),
             tone: ViewTone::default(),
             medium: ViewMedium::default(),
+            wet: Vec::new(),
         };
         numbers.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))
     }

@@ -22,7 +22,7 @@ use crate::phase::PreparedHg;
 use crate::random::Random;
 use crate::relight::PointLight;
 use crate::transport::Cloud;
-use crate::transport::direct::{Light, PowerRay, Tally, Tracer, fibonacci};
+use crate::transport::direct::{Light, NearCloud, PowerRay, Tally, Tracer, fibonacci};
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 
@@ -229,6 +229,8 @@ fn add_rays_in<T: Tally>(
         let sphere = || (0..count as usize).map(|i| fibonacci(i, count as usize)).collect();
         spheres.entry(count).or_insert_with(sphere);
     }
+    // What is read between the centres of cells reaches one cell beyond the cloud.
+    let near = NearCloud { distances, around: 1, least: LEAST };
     let piece = |number: usize, lights: &[PointLight]| -> Vec<f32> {
         let mut tally = tally();
         for (i, light) in lights.iter().enumerate() {
@@ -240,7 +242,7 @@ fn add_rays_in<T: Tally>(
                 if distances.is_empty() {
                     tracer.trace(ray, &mut tally);
                 } else {
-                    tracer.trace_near(ray, distances, LEAST, &mut tally);
+                    tracer.trace_near(ray, &near, &mut tally);
                 }
             }
         }

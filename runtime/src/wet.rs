@@ -15,23 +15,32 @@
 //! | [`layers`] | rainfall as layers over the picture, the paper's baseline |
 //! | [`drip`] | drops that drip from edges |
 //! | [`drop`] | how drops look, shared by all that draws them; rain close to the lens |
+//! | [`draw`] | every effect in its turn over a renderer's buffers |
+//! | [`surface`] | wet surfaces: darkened, filmed over, with puddles and ripples; light of lightning on them |
+//! | [`reflect`] | what water mirrors of the frame and of the world |
+//! | [`glow`] | glow around lights by the atmosphere's point spread |
 //! | [`frame`] | a renderer's buffers, what effects are told of a frame, layers over it |
 //! | [`maps`] | what is baked from a scene's meshes |
 //! | [`controls`] | the effects' controls by name, with ranges |
 //! | [`material`] | reflection at a water surface, and what wetting does to albedo and roughness |
 
 pub mod controls;
+pub mod draw;
 pub mod drip;
 pub mod drop;
 pub mod frame;
 pub mod glass;
+pub mod glow;
 pub mod halo;
 pub mod layers;
 pub mod maps;
 pub mod material;
 pub mod puddle;
+pub mod reflect;
 pub mod ripples;
 pub mod splash;
 pub mod splatter;
+pub mod surface;
 
+mod maps_asset;
 mod slopes;

@@ -20,6 +20,7 @@ use squall_formats::section::response::{
 use squall_formats::section::streak::StreakSection;
 use squall_formats::section::town::TownSection;
 use squall_formats::section::view::ViewSection;
+use squall_formats::section::wet_maps::WetMapsSection;
 use squall_runtime::relight::share_lit;
 use squall_runtime::{Asset, RuntimeError};
 use std::fmt::Write;
@@ -255,6 +256,19 @@ fn describe(asset: &Asset, entry: &Entry) -> Result<String, RuntimeError> {
             let [width, height] = view.camera.size_px;
             let (rate, flashes) = (view.rain.rate_mm_per_h, view.flashes.len());
             format!("view: {width} × {height}, {rate} mm/h, {flashes} strokes flash")
+        }
+        WetMapsSection::TAG => {
+            let maps = asset.section(entry.tag, "maps of a scene", WetMapsSection::read)?;
+            let cells = maps.height.or(maps.water).map_or_else(
+                || "none".to_owned(),
+                |map| format!("{} × {} cells of {} m", map.size[0], map.size[1], map.cell_m),
+            );
+            let (drips, fins) = (maps.drips.ends.len(), maps.fins.ends.len());
+            let lightning = maps.lightning.map_or_else(String::new, |volume| {
+                let [nx, ny, nz] = volume.size;
+                format!(", lightning from {} sides at {nx} × {ny} × {nz} nodes", volume.directions.len())
+            });
+            format!("maps of a scene: {cells}, {drips} edges drip, {fins} silhouettes{lightning}")
         }
         _ => "unknown to this build".into(),
     })

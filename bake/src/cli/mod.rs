@@ -33,6 +33,7 @@ mod streaks;
 mod synth;
 mod table;
 mod verify;
+mod wet;
 
 use squall_bake::error::{self, BakeError};
 use squall_runtime::RuntimeError;
@@ -50,6 +51,7 @@ enum Command {
     Bake(bake::Args),
     Render(Box<render::Args>),
     Rain(Box<rain::Args>),
+    Wet(Box<wet::Args>),
     Relight(relight::Args),
     Solve(solve::Args),
     Query(query::Args),
@@ -74,6 +76,7 @@ impl Cli {
             Command::Bake(args) => ("bake", args.json()),
             Command::Render(args) => ("render", args.json()),
             Command::Rain(args) => ("rain", args.json()),
+            Command::Wet(args) => ("wet", args.json()),
             Command::Relight(args) => ("relight", args.json()),
             Command::Solve(args) => ("solve", args.json()),
             Command::Query(args) => ("query", args.json()),
@@ -96,6 +99,7 @@ pub fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Bake(args) => bake::run(args),
         Command::Render(args) => render::run(*args),
         Command::Rain(args) => rain::run(*args),
+        Command::Wet(args) => wet::run(*args),
         Command::Relight(args) => relight::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Query(args) => query::run(args),

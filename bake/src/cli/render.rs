@@ -20,6 +20,7 @@ use super::sky::SkyArgs;
 use backend::{Backend, Choice};
 use flashes::Timeline;
 use sequence::Sequence;
+pub use sequence::{Range, range};
 use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::input::scene::read_camera;
@@ -108,7 +109,11 @@ pub struct Args {
     /// When its first return stroke begins, s after frame 0.
     #[arg(long, value_name = "S", default_value_t = 0.1, value_parser = number::from_to(-1e9, 1e9, "s"), requires = "frames", conflicts_with = "keys")]
     flash_at: f64,
-    /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, ids.
+    /// Takes all water off the town's ground and lets no rain fall: a picture for `squall wet`.
+    #[arg(long, conflicts_with_all = ["rate", "contact_sheet"])]
+    dry: bool,
+    /// Layers of an .exr, with commas between them: beauty, cloud, direct, streak-alpha, transmittance, depth, normal, albedo, roughness,
+    /// emission, wettable, ids.
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', value_parser = layers::layer, conflicts_with = "contact_sheet")]
     layers: Vec<Layer>,
     /// What draws: the processor, a graphics card, or a card where one can: docs/gpu.md.
@@ -233,12 +238,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let results: Vec<&Path> = std::iter::once(&args.out).chain(&args.report).map(PathBuf::as_path).collect();
     folder::check_apart(&results, inputs)?;
     let mut renderer = StormRenderer::new(asset::open(&args.asset)?)?;
+    if args.dry {
+        renderer.dry_ground()?;
+    }
     let camera = args.camera.as_deref().map(read_camera).transpose()?;
     let camera = camera.map(|(_, camera)| camera);
     let mut view = view_of(&args, camera.as_ref(), &renderer)?;
     args.weather.set_view(&mut view);
     view.check().map_err(|(field, wanted, found)| RuntimeError::argument(field, wanted, found))?;
     let mut frame = Frame::from(&view);
+    if args.dry {
+        frame = frame.rain(MillimetresPerHour(0.0));
+    }
     if let Some(camera) = camera {
         frame.camera = camera.resized(view.camera.size_px)?;
     }
@@ -326,7 +337,8 @@ fn draw_frames(
         None => Timeline::natural(&view.flashes, args.flash_seed, args.flash_at),
     };
     let (animated, layers) = (args.animated(), args.layers.as_slice());
-    let sequence = Sequence { range, fps, animated, resume: args.resume, out: &args.out, layers };
+    let sequence =
+        Sequence { range, fps, animated, resume: args.resume, dry: args.dry, out: &args.out, layers };
     let made = sequence.run((renderer, backend), frame, (&timeline, tone), bars)?;
     let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
     let kept = if made.kept > 0 { format!(" ({} kept)", made.kept) } else { String::new() };

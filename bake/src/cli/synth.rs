@@ -1,5 +1,8 @@
 //! `squall synth …`: inputs from seeds.
 
+#[cfg(feature = "meshes")]
+mod street;
+
 use super::common::Common;
 use super::folder::OutputFolder;
 use super::json;
@@ -27,6 +30,9 @@ pub enum Synth {
     Town(Town),
     /// A lightning stroke as points of light (LAMPS.json), for `squall relight`.
     Stroke(StrokeArgs),
+    /// A street block as one sees it close up, as .glb; its own buffers from a camera, as .exr.
+    #[cfg(feature = "meshes")]
+    Street(street::Street),
     /// Pictures of streaks of raindrops that oscillate and refract (DIR/drop00.png and so on).
     Streaks(Streaks),
     /// The table of light that rain scatters more than once, as the runtime ships it.
@@ -186,6 +192,8 @@ impl Synth {
             Self::Cloud(arguments) => ("synth cloud", arguments.json),
             Self::Town(arguments) => ("synth town", arguments.json),
             Self::Stroke(arguments) => ("synth stroke", arguments.json),
+            #[cfg(feature = "meshes")]
+            Self::Street(arguments) => ("synth street", arguments.json),
             Self::Streaks(arguments) => ("synth streaks", arguments.json),
             Self::PointSpread(arguments) => ("synth point-spread", arguments.json),
         }
@@ -198,6 +206,8 @@ impl Synth {
             Self::Cloud(arguments) => &arguments.common,
             Self::Town(arguments) => &arguments.common,
             Self::Stroke(arguments) => &arguments.common,
+            #[cfg(feature = "meshes")]
+            Self::Street(arguments) => &arguments.common,
             Self::Streaks(arguments) => &arguments.common,
             Self::PointSpread(arguments) => &arguments.common,
         }
@@ -235,6 +245,8 @@ pub fn run(command: Synth) -> anyhow::Result<()> {
             let text = stroke_json(seed, [from, to], intensity, spacing)?;
             (seed, write_text(&out, &text)?)
         }
+        #[cfg(feature = "meshes")]
+        Synth::Street(arguments) => street::run(&arguments, &bars)?,
         Synth::Streaks(arguments) => {
             let Streaks { out, scene, seed, count, .. } = arguments;
             let scene = Scene::from_name(&scene).unwrap_or(Scene::Mixed);

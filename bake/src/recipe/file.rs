@@ -4,6 +4,7 @@ use super::clouds::CloudsFile;
 use super::model::{Clouds, Rain, Recipe, SunWish};
 use super::place::Source;
 use super::rain::RainFile;
+use super::scene::SceneFile;
 use super::view::ViewFile;
 use crate::error::{BakeError, RecipeError};
 use crate::input::without_mark;
@@ -25,6 +26,7 @@ struct RecipeFile {
     #[serde(default)]
     strokes: Vec<Spanned<StrokeFile>>,
     town: Option<TownFile>,
+    scene: Option<SceneFile>,
     place: Option<PlaceFile>,
     view: Option<Spanned<ViewFile>>,
 }
@@ -54,6 +56,8 @@ struct ViewAlone {
     _strokes: Option<IgnoredAny>,
     #[serde(rename = "town")]
     _town: Option<IgnoredAny>,
+    #[serde(rename = "scene")]
+    _scene: Option<IgnoredAny>,
     #[serde(rename = "place")]
     _place: Option<IgnoredAny>,
 }
@@ -105,8 +109,9 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     }
     let place_m = file.place.map(|place| place.check(&source)).transpose()?;
     let town = file.town.map(|town| source.beside("town.file", &town.file)).transpose()?;
-    if clouds.is_none() && rain.is_none() && strokes.is_empty() && town.is_none() {
-        let wanted = "at least one of [clouds], [rain], [town] and [[strokes]]";
+    let scene = file.scene.map(|scene| scene.check(&source)).transpose()?;
+    if clouds.is_none() && rain.is_none() && strokes.is_empty() && town.is_none() && scene.is_none() {
+        let wanted = "at least one of [clouds], [rain], [town], [scene] and [[strokes]]";
         return Err(source.error(0..0, "recipe", wanted, "none of them").into());
     }
     let names: Vec<String> = strokes.iter().map(|record| record.name.clone()).collect();
@@ -127,7 +132,7 @@ pub(super) fn read(path: &Path, text: String) -> Result<Recipe, BakeError> {
     if let Some(view) = &view {
         check_view_rate(view, rain.as_ref(), &source)?;
     }
-    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, place_m, view })
+    Ok(Recipe { file: path.to_owned(), text, clouds, rain, strokes, town, scene, place_m, view })
 }
 
 /// Refuses a picture of more rain than the recipe's tables will hold, which no command could draw.

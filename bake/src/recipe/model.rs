@@ -26,10 +26,60 @@ pub struct Recipe {
     pub strokes: Vec<StrokeRecord>,
     /// Town file, JSON.
     pub town: Option<PathBuf>,
+    /// Meshes that maps are baked of.
+    pub scene: Option<SceneSpec>,
     /// The point of the ground that the scene stands on, m: the town's own origin.
     pub place_m: Option<[f64; 3]>,
     /// The picture that the recipe frames.
     pub view: Option<ViewSection>,
+}
+
+/// A scene of meshes, and what is baked of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneSpec {
+    /// The scene, glTF 2.0.
+    pub file: PathBuf,
+    /// Lumens that a watt of the scene's lamps stands for.
+    pub lumens_per_watt: f64,
+    /// Low and high corner of the ground that maps cover, m; all of the scene where absent.
+    pub region_m: Option<[[f64; 2]; 2]>,
+    /// Side of a cell of heights and water, m.
+    pub cell_m: f64,
+    /// Deepest standing water, m.
+    pub deepest_m: f64,
+    /// An artist's depths, in place of those that are found.
+    pub puddles: Option<PuddleMask>,
+    /// Whether edges that drip are looked for.
+    pub drips: bool,
+    /// Whether silhouettes are looked for.
+    pub fins: bool,
+    /// Side of a cell of light from overhead, m; none is baked where absent.
+    pub overhead_cell_m: Option<f64>,
+    /// Points of a shining triangle that are asked whether they are hidden.
+    pub overhead_points: u32,
+    /// Seed of those points.
+    pub overhead_seed: u64,
+    /// Unit vectors towards lightning in its key directions.
+    pub directions: Vec<glam::DVec3>,
+    /// Distance between nodes of lightning's light, m.
+    pub lightning_cell_m: f64,
+    /// Height above the lowest ground that they reach to, m.
+    pub lightning_top_m: f64,
+    /// Paths of a node.
+    pub paths: u32,
+    /// Reflections of a path.
+    pub bounces: u32,
+    /// Seed of the paths.
+    pub lightning_seed: u64,
+}
+
+/// A picture of depths over the map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PuddleMask {
+    /// The picture.
+    pub file: PathBuf,
+    /// Depth of a grey value of 1, m.
+    pub white_m: f64,
 }
 
 /// What the recipe says of the cloud.

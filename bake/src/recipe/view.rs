@@ -4,9 +4,11 @@ use super::place::Source;
 use crate::error::RecipeError;
 use serde::Deserialize;
 use squall_formats::section::view::{
-    ViewCamera, ViewDetail, ViewFlash, ViewForm, ViewMedium, ViewPhase, ViewRain, ViewSection, ViewSky,
-    ViewTone,
+    ViewCamera, ViewDetail, ViewEffect, ViewFlash, ViewForm, ViewMedium, ViewPhase, ViewRain, ViewSection,
+    ViewSky, ViewTone,
 };
+use squall_runtime::wet::draw::{Effect, WetSettings};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use toml::Spanned;
 
@@ -29,7 +31,12 @@ pub struct ViewFile {
     detail: DetailFile,
     #[serde(default)]
     tone: ToneFile,
+    #[serde(default)]
+    wet: WetFile,
 }
+
+/// `[view.wet.EFFECT]`: `on`, and controls by name.
+type WetFile = BTreeMap<Spanned<String>, BTreeMap<Spanned<String>, Spanned<toml::Value>>>;
 
 /// A stroke's name, or its name and a factor.
 #[derive(Deserialize)]
@@ -154,6 +161,7 @@ impl ViewFile {
             source.refused(&["view"], field, wanted, found, span.clone())
         })?;
         let view = ViewSection {
+            wet: wet_effects(self.wet, source)?,
             camera,
             medium,
             rain: self.rain.record(),
@@ -168,6 +176,53 @@ impl ViewFile {
         })?;
         Ok(view)
     }
+}
+
+/// The nearest of some names to one that is none of them.
+fn nearest<'a>(found: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let known: Vec<&str> = known.collect();
+    let nearest =
+        known.iter().max_by(|a, b| strsim::jaro_winkler(found, a).total_cmp(&strsim::jaro_winkler(found, b)));
+    format!("`{}`; all: {}", nearest.copied().unwrap_or_default(), known.join(", "))
+}
+
+/// What a view says of the wet city's effects.
+fn wet_effects(file: WetFile, source: &Source) -> Result<Vec<ViewEffect>, RecipeError> {
+    let mut all = Vec::new();
+    let mut settings = WetSettings::default();
+    for (name, controls) in file {
+        let Some(effect) = Effect::from_name(name.get_ref()) else {
+            let known = nearest(name.get_ref(), Effect::ALL.into_iter().map(Effect::name));
+            return Err(source.error(name.span(), "view.wet", known, format!("`{}`", name.get_ref())));
+        };
+        let mut said = ViewEffect { effect: effect.name().into(), on: true, controls: Vec::new() };
+        for (key, value) in controls {
+            let field = format!("view.wet.{}.{}", effect.name(), key.get_ref());
+            let refused = |wanted: String| {
+                let found = source.text.get(value.span()).unwrap_or_default().to_owned();
+                source.error(value.span(), field.clone(), wanted, found)
+            };
+            if key.get_ref() == "on" {
+                said.on = value.get_ref().as_bool().ok_or_else(|| refused("true or false".into()))?;
+                continue;
+            }
+            let names = || effect.parameters().iter().map(|parameter| parameter.name);
+            let Some(parameter) = effect.parameters().iter().find(|known| known.name == key.get_ref()) else {
+                let known = nearest(key.get_ref(), names().chain(["on"]));
+                let field = format!("view.wet.{}", effect.name());
+                return Err(source.error(key.span(), field, known, format!("`{}`", key.get_ref())));
+            };
+            let number =
+                value.get_ref().as_float().or_else(|| value.get_ref().as_integer().map(|n| n as f64));
+            let [low, high] = parameter.range;
+            let wanted = || format!("{low} to {high} {}", parameter.unit).trim_end().to_owned();
+            let number = number.ok_or_else(|| refused(wanted()))?;
+            settings.set(effect, parameter.name, number as f32).map_err(|_| refused(wanted()))?;
+            said.controls.push((parameter.name.to_owned(), number));
+        }
+        all.push(said);
+    }
+    Ok(all)
 }
 
 impl RainFile {

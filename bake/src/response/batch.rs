@@ -17,7 +17,7 @@ use squall_runtime::relight::PointLight;
 use squall_runtime::single_scatter::{self, DirectSettings};
 use squall_runtime::transport::Cloud;
 use squall_runtime::transport::cloud::CoarseIndex;
-use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::direct::{DirectField, DirectMoments, Light, NearCloud, Tracer, distances};
 use squall_runtime::transport::fit::HatFit;
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::solve::{BatchReport, GATHERED, Solvable, SolveBuffers, Solver};
@@ -54,11 +54,16 @@ pub(super) struct Finish<'a, R> {
 /// Sweeps that a batch has to be away from its bound for its rows to be kept: those of a batch at its bound depend on their neighbours.
 const AWAY_FROM_BOUND: u32 = 4;
 
+/// Share of a ray's light with which it ends: single precision's last digit.
+pub(super) const LEAST: f32 = 1e-7;
+
 /// Solves rows of one response: what all its lights have in common.
 pub(super) struct RowSolver<'a> {
     settings: &'a ResponseSettings,
     fine: &'a Cloud,
     tracer: Tracer<'a>,
+    /// Steps of the solve's cells to cloud.
+    distances: Vec<u8>,
     solver: &'a Solver<4>,
     parent: CoarseIndex,
     fit: Option<&'a HatFit>,
@@ -77,6 +82,7 @@ pub(super) struct RowSolver<'a> {
 #[derive(Default)]
 pub(super) struct Work<P> {
     direct: Option<DirectField<4>>,
+    moments: Option<DirectMoments<4>>,
     sources: Vec<[P; 4]>,
     gathered: Vec<[P; GATHERED]>,
     buffers: SolveBuffers<P, 4>,
@@ -96,6 +102,7 @@ impl<'a> RowSolver<'a> {
             settings,
             fine,
             tracer: Tracer::new(fine, solver.scaled().extinction_scale),
+            distances: distances(fine.shape, fine.extinction.iter().map(|&extinction| extinction > 0.0)),
             solver,
             parent: CoarseIndex::new(fine.shape, cells.factors),
             fit: cells.fit.as_ref(),
@@ -141,6 +148,50 @@ impl<'a> RowSolver<'a> {
         self.settings.direct == DirectTerm::InRows
     }
 
+    /// Follows a lane's lights to where cloud scatters them.
+    fn trace<P: Lanes>(&self, lane: usize, lights: &[Light], work: &mut Work<P>) {
+        let cells = self.fine.shape.len();
+        let kept = work.moments.take().filter(|direct| direct.moments.len() == cells);
+        let mut direct = kept.unwrap_or_else(|| DirectMoments::new(cells));
+        direct.clear();
+        let near = NearCloud { distances: &self.distances, around: 0, least: LEAST };
+        for &light in lights {
+            self.tracer
+                .rays(light, self.settings.samples, |ray| self.tracer.trace_near(ray, &near, &mut direct));
+        }
+        self.set_lane(lane, &direct.moments, &mut work.sources);
+        work.moments = Some(direct);
+    }
+
+    /// [`Self::trace`] through every cell, with what is scattered once towards the stored directions.
+    fn trace_towards<P: Lanes>(&self, lane: usize, lights: &[Light], work: &mut Work<P>) {
+        let fits = |field: &DirectField<4>| field.moments.len() == self.fine.shape.len();
+        let mut direct = match work.direct.take() {
+            Some(field) if fits(&field) => field,
+            _ => DirectField::new(self.fine, &self.directions),
+        };
+        direct.clear();
+        for &light in lights {
+            self.tracer.rays(light, self.settings.samples, |ray| {
+                self.tracer.trace(ray, &mut direct);
+            });
+        }
+        self.set_lane(lane, &direct.moments, &mut work.sources);
+        let share = 1.0 / self.fine.cell_volume() as f32;
+        let coarse = self.parent.means(&direct.towards, self.directions.len());
+        work.towards.push(coarse.into_iter().map(|v| v * share).collect());
+        work.direct = Some(direct);
+    }
+
+    fn set_lane<P: Lanes>(&self, lane: usize, moments: &[[f32; 4]], sources: &mut [[P; 4]]) {
+        let share = 1.0 / self.fine.cell_volume() as f32;
+        for (source, moments) in sources.iter_mut().zip(moments) {
+            for m in 0..4 {
+                source[m].set_lane(lane, moments[m] * share);
+            }
+        }
+    }
+
     /// Traces lights, one list a lane, and solves for what they scatter.
     fn solve_lanes<P: Solvable<4>>(
         &self,
@@ -148,34 +199,12 @@ impl<'a> RowSolver<'a> {
         towards: bool,
         work: &mut Work<P>,
     ) -> Result<BatchReport, BakeError> {
-        let directions: &[DVec3] = if towards { &self.directions } else { &[] };
-        let fits = |field: &DirectField<4>| field.towards.len() == self.fine.shape.len() * directions.len();
-        let mut direct = match work.direct.take() {
-            Some(field) if fits(&field) => field,
-            _ => DirectField::new(self.fine, directions),
-        };
-        let share = 1.0 / self.fine.cell_volume() as f32;
         work.sources.clear();
         work.sources.resize(self.fine.shape.len(), [P::splat(0.0); 4]);
         work.towards.clear();
         for (lane, lights) in lanes.iter().enumerate() {
-            direct.clear();
-            for &light in lights {
-                self.tracer.rays(light, self.settings.samples, |ray| {
-                    self.tracer.trace(ray, &mut direct);
-                });
-            }
-            for (source, moments) in work.sources.iter_mut().zip(&direct.moments) {
-                for m in 0..4 {
-                    source[m].set_lane(lane, moments[m] * share);
-                }
-            }
-            if towards {
-                let coarse = self.parent.means(&direct.towards, directions.len());
-                work.towards.push(coarse.into_iter().map(|v| v * share).collect());
-            }
+            if towards { self.trace_towards(lane, lights, work) } else { self.trace(lane, lights, work) }
         }
-        work.direct = Some(direct);
         let report = self.solver.solve(&work.sources, &mut work.gathered, &mut work.buffers, None);
         for (lane, lights) in report.lanes.iter().zip(lanes) {
             if !lane.converged {

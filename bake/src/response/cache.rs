@@ -5,6 +5,7 @@
 //! so that an asset has the same bytes whether its rows were solved now or before. Of the sweeps that it took its own are
 //! kept: how many a batch takes together follows from those ([`sweeps_together`](squall_runtime::transport::solve::sweeps_together)).
 
+mod piece;
 mod store;
 
 use super::job::{HeldOutStroke, Job};

@@ -20,7 +20,7 @@ use squall_formats::section::response::{
 };
 use squall_formats::sphere::degree_of;
 use squall_runtime::transport::cloud::CoarseIndex;
-use squall_runtime::transport::direct::{DirectField, Light, Tracer};
+use squall_runtime::transport::direct::{DirectMoments, Light, NearCloud, Tracer, distances};
 use squall_runtime::transport::fit::FitWindow;
 use squall_runtime::transport::lanes::{F32x16, Lanes};
 use squall_runtime::transport::solve::{GATHERED, SolveBuffers, Solver};
@@ -268,7 +268,9 @@ impl<'a> Level<'a> {
             }
         }
         let tracer = Tracer::new(fine, extinction_scale);
-        let mut field = DirectField::<4>::new(fine, &[]);
+        let steps = distances(fine.shape, fine.extinction.iter().map(|&extinction| extinction > 0.0));
+        let near = NearCloud { distances: &steps, around: 0, least: super::batch::LEAST };
+        let mut field = DirectMoments::<4>::new(fine.shape.len());
         let volume = 1.0 / fine.cell_volume() as f32;
         work.sources.clear();
         work.sources.resize(fine.shape.len(), [F32x16::splat(0.0); 4]);
@@ -276,9 +278,7 @@ impl<'a> Level<'a> {
             field.clear();
             let light =
                 Light::Point { position: DVec3::from_array(bits.map(f64::from_bits)), intensity: 1.0 };
-            tracer.rays(light, self.job.settings.samples, |ray| {
-                tracer.trace(ray, &mut field);
-            });
+            tracer.rays(light, self.job.settings.samples, |ray| tracer.trace_near(ray, &near, &mut field));
             let mut factors = [0.0f32; 16];
             lanes.into_iter().for_each(|(lane, share)| factors[lane] += share * volume);
             // Light in empty cells is scattered by nothing.

@@ -12,6 +12,7 @@ use squall_formats::section::{
     streak::{Pattern, StreakSection},
     town::TownSection,
     view::ViewSection,
+    wet_maps::WetMapsSection,
 };
 use squall_formats::{Limits, ReadError};
 use squall_formats_fuzz::{Aligned, kind_version_bytes, repair_rows};
@@ -85,6 +86,7 @@ fuzz_target!(|data: &[u8]| {
         StreakSection::TAG => streaks_again(bytes),
         TownSection::TAG => again(bytes, TownSection::read, |s| s.write().to_bytes()),
         ViewSection::TAG => again(bytes, ViewSection::read, |s| s.write().to_bytes()),
+        WetMapsSection::TAG => again(bytes, WetMapsSection::read, |s| s.write().to_bytes()),
         CloudSection::TAG => {
             let bytes = Aligned::new(bytes);
             let Ok(first) = CloudSection::read(bytes.bytes(), 1, &Limits::default()) else { return };

@@ -10,6 +10,7 @@ use super::response::{ResponseSection, check_stream, coefficient_planes};
 use super::streak::StreakSection;
 use super::town::TownSection;
 use super::view::ViewSection;
+use super::wet_maps::WetMapsSection;
 use super::{Tag, is_known};
 use crate::error::{Limits, ReadError};
 
@@ -37,6 +38,7 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
         TownSection::TAG => drop(TownSection::read(bytes, version, limits)?),
         StreakSection::TAG => drop(StreakSection::read(bytes, version, limits)?),
         ViewSection::TAG => drop(ViewSection::read(bytes, version, limits)?),
+        WetMapsSection::TAG => drop(WetMapsSection::read(bytes, version, limits)?),
         CloudSection::TAG => {
             let cloud = CloudSection::read(bytes, version, limits)?;
             cloud.check_values()?;

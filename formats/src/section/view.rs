@@ -1,4 +1,4 @@
-//! `VIEW` v1 and v2: the recipe's own picture: camera, weather, sky, which strokes flash, how the picture is developed.
+//! `VIEW` v1 to v3: the recipe's own picture: camera, weather, sky, which strokes flash, how the picture is developed.
 //! Bytes: SPEC.md, "VIEW".
 //!
 //! A runtime may draw any other view of an asset; this is the one that its author framed. Metres, seconds, radians,
@@ -25,9 +25,23 @@ pub struct ViewSection {
     pub flashes: Vec<ViewFlash>,
     /// How light becomes a picture.
     pub tone: ViewTone,
-    /// Which medium the rain is; a record of its own, in version 2 alone.
+    /// Which medium the rain is; a record of its own, from version 2 on.
     #[serde(skip)]
     pub medium: ViewMedium,
+    /// What of the wet city's effects is drawn otherwise than usual; a record of its own, in version 3 alone.
+    #[serde(skip)]
+    pub wet: Vec<ViewEffect>,
+}
+
+/// An effect of the wet city that is not as it usually is. Names are the runtime's: a reader that doesn't know one refuses to draw by it, not to read it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewEffect {
+    /// Its name.
+    pub effect: String,
+    /// Whether it is drawn.
+    pub on: bool,
+    /// Controls by name, with their values.
+    pub controls: Vec<(String, f64)>,
 }
 
 /// A perspective camera.
@@ -107,6 +121,19 @@ struct WithMedium {
     view: ViewSection,
     medium: ViewMedium,
 }
+
+/// Version 3's record.
+#[derive(Serialize, Deserialize)]
+struct WithWet {
+    view: ViewSection,
+    medium: ViewMedium,
+    wet: Vec<ViewEffect>,
+}
+
+/// Most effects, and most controls of one, that a view may name; most bytes of a name.
+const MOST_EFFECTS: usize = 64;
+const MOST_CONTROLS: usize = 256;
+const LONGEST_NAME: usize = 64;
 
 /// The sky.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -250,8 +277,8 @@ const FARTHEST_M: f64 = 1e9;
 impl ViewSection {
     /// The section's tag.
     pub const TAG: Tag = Tag(*b"VIEW");
-    /// Newest version that this build reads. It writes version 1 wherever the medium is the usual one.
-    pub const VERSION: u16 = 2;
+    /// Newest version that this build reads. It writes the oldest that can say what there is.
+    pub const VERSION: u16 = 3;
 
     /// Field, accepted range and value of the first number out of range.
     pub fn check(&self) -> Result<(), Refusal> {
@@ -267,11 +294,36 @@ impl ViewSection {
         if let ViewPhase::Asymmetry(g) = self.medium.phase {
             within("rain.g", "-0.999 to 0.999", g, -0.999, 0.999)?;
         }
+        self.check_wet()?;
         within("tone.exposure", "1e-12 to 1e12", self.tone.exposure, 1e-12, 1e12)?;
         within("tone.contrast", "0.1 to 4", self.tone.contrast, 0.1, 4.0)?;
         within("tone.bloom_amount", "0 to 1", self.tone.bloom_amount, 0.0, 1.0)?;
         within("tone.bloom_levels", "1 to 12", f64::from(self.tone.bloom_levels), 1.0, 12.0)?;
         within("tone.bloom_reach", "0 to 4", self.tone.bloom_reach, 0.0, 4.0)
+    }
+
+    /// The wet city's effects: names that can be, numbers that are.
+    fn check_wet(&self) -> Result<(), Refusal> {
+        let is_name = |name: &str| (1..=LONGEST_NAME).contains(&name.len());
+        let many = "at most 64 effects with 256 controls each";
+        if self.wet.len() > MOST_EFFECTS {
+            return Err(("wet", many, self.wet.len().to_string()));
+        }
+        for effect in &self.wet {
+            if !is_name(&effect.effect) {
+                return Err(("wet.effect", "a name of 1 to 64 bytes", effect.effect.len().to_string()));
+            }
+            if effect.controls.len() > MOST_CONTROLS {
+                return Err(("wet.controls", many, effect.controls.len().to_string()));
+            }
+            for (name, value) in &effect.controls {
+                if !is_name(name) {
+                    return Err(("wet.controls", "names of 1 to 64 bytes", name.len().to_string()));
+                }
+                within("wet.controls", "-1e12 to 1e12", *value, -1e12, 1e12)?;
+            }
+        }
+        Ok(())
     }
 
     /// Reads and checks every number.
@@ -282,6 +334,10 @@ impl ViewSection {
         check_version(Self::TAG, version, Self::VERSION)?;
         let view = match version {
             1 => meta::decode(Self::TAG, bytes, limits)?,
+            3 => {
+                let WithWet { view, medium, wet } = meta::decode(Self::TAG, bytes, limits)?;
+                Self { medium, wet, ..view }
+            }
             _ => {
                 let WithMedium { view, medium } = meta::decode(Self::TAG, bytes, limits)?;
                 Self { medium, ..view }
@@ -304,11 +360,15 @@ impl ViewSection {
 
     /// The section's bytes.
     pub fn write(&self) -> OutSection {
+        if !self.wet.is_empty() {
+            let whole = WithWet { view: self.clone(), medium: self.medium, wet: self.wet.clone() };
+            return OutSection::small(Self::TAG, Self::VERSION, false, meta::encode(&whole));
+        }
         if self.medium == ViewMedium::default() {
             return OutSection::small(Self::TAG, 1, false, meta::encode(self));
         }
         let whole = WithMedium { view: self.clone(), medium: self.medium };
-        OutSection::small(Self::TAG, Self::VERSION, false, meta::encode(&whole))
+        OutSection::small(Self::TAG, 2, false, meta::encode(&whole))
     }
 }
 
@@ -412,6 +472,33 @@ mod tests {
         let wrong = meta::encode(&WithMedium { view: view(), medium: wrong });
         assert!(ViewSection::read(&wrong, 2, &Limits::default()).is_err());
         assert!(ViewSection::read(&whole, 3, &Limits::default()).is_err());
+        assert!(ViewSection::read(&whole, 4, &Limits::default()).is_err());
+    }
+
+    #[test]
+    fn effects_of_the_wet_city_are_a_record_behind_the_same_bytes_and_absurd_ones_are_refused() {
+        let effect =
+            ViewEffect { effect: "surface".into(), on: true, controls: vec![("puddles".into(), 0.25)] };
+        let off = ViewEffect { effect: "glow".into(), on: false, controls: Vec::new() };
+        let wet = ViewSection { wet: vec![effect.clone(), off], ..view() };
+        let section = wet.write();
+        assert_eq!(section.version, 3);
+        let whole = meta::encode(&WithWet { view: wet.clone(), medium: wet.medium, wet: wet.wet.clone() });
+        assert!(whole.starts_with(&bytes(&view())));
+        assert_eq!(ViewSection::read(&whole, 3, &Limits::default()).unwrap(), wet);
+        for end in 0..whole.len() {
+            assert!(ViewSection::read(&whole[..end], 3, &Limits::default()).is_err(), "{end}");
+        }
+        let wrong = [
+            ViewEffect { effect: String::new(), ..effect.clone() },
+            ViewEffect { controls: vec![("puddles".into(), f64::NAN)], ..effect.clone() },
+            ViewEffect { controls: vec![("x".repeat(65), 0.0)], ..effect.clone() },
+            ViewEffect { controls: vec![("x".into(), 0.0); 257], ..effect },
+        ];
+        for wrong in wrong {
+            let wrong = ViewSection { wet: vec![wrong], ..view() };
+            assert!(wrong.check().unwrap_err().0.starts_with("wet"));
+        }
     }
 
     #[test]

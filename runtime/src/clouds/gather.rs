@@ -9,9 +9,10 @@ use crate::{
     live::LiveSolver,
     parallel::prelude::*,
     relight::{PointLight, Relighter},
-    shade::cloud::{corners, density::distances},
+    shade::cloud::corners,
     single_scatter::{DirectSettings, WantedCells, add_direct_moments},
     transport::cloud::CoarseIndex,
+    transport::direct::distances,
     transport::gather::GatherBuffers,
 };
 #[cfg(feature = "live")]

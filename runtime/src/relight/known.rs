@@ -1,8 +1,8 @@
 //! Which cells have light that means something, and how far each is from the cloud.
 
 use super::Relighter;
-use crate::shade::cloud::density::distances;
 use crate::transport::cloud::CoarseIndex;
+use crate::transport::direct::distances;
 
 impl Relighter {
     /// Steps from each of the cloud's cells to the nearest with cloud in it, of which the largest along an axis counts.

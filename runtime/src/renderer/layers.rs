@@ -26,6 +26,14 @@ pub enum Layer {
     Depth,
     /// Normal of the town and its ground, a unit vector in the world; 0 where there is none.
     Normal,
+    /// Diffuse albedo of the town and its ground, 0 to 1; 0 where there is none.
+    Albedo,
+    /// Perceptual roughness of the town and its ground, 0 to 1; 0 where there is none.
+    Roughness,
+    /// Radiance that the town's surfaces send by themselves (lit windows), W/(m² sr), before clear air; lamps are not among them.
+    Emission,
+    /// How much of the rain reaches the town and its ground: 1 under the open sky, 0 under what covers it and where there is none.
+    Wettable,
     /// Name of the nearest drop whose streak crosses the pixel's middle, 64 bits; 0 where there is none.
     Ids,
 }
@@ -43,7 +51,7 @@ pub enum LayerPixels {
 
 impl Layer {
     /// Every layer.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 12] = [
         Self::Beauty,
         Self::Cloud,
         Self::Direct,
@@ -51,6 +59,10 @@ impl Layer {
         Self::Transmittance,
         Self::Depth,
         Self::Normal,
+        Self::Albedo,
+        Self::Roughness,
+        Self::Emission,
+        Self::Wettable,
         Self::Ids,
     ];
 
@@ -64,6 +76,10 @@ impl Layer {
             Self::Transmittance => "transmittance",
             Self::Depth => "depth",
             Self::Normal => "normal",
+            Self::Albedo => "albedo",
+            Self::Roughness => "roughness",
+            Self::Emission => "emission",
+            Self::Wettable => "wettable",
             Self::Ids => "ids",
         }
     }
@@ -116,6 +132,16 @@ impl StormRenderer {
                 Some(pixels) => pixels.iter().map(|pixel| pixel.normal.to_array()).collect(),
                 None => vec![[0.0; 3]; count],
             }),
+            Layer::Albedo => LayerPixels::Three(self.of_surfaces(frame, |_, spot| spot.albedo(), [0.0; 3])),
+            Layer::Roughness => LayerPixels::One(self.of_surfaces(frame, |_, spot| spot.roughness(), 0.0)),
+            Layer::Emission => {
+                LayerPixels::Three(self.of_surfaces(frame, |_, spot| spot.emission(), [0.0; 3]))
+            }
+            Layer::Wettable => {
+                let open =
+                    |town: &_, spot: &super::surfaces::Spot| if spot.is_covered(town) { 0.0 } else { 1.0 };
+                LayerPixels::One(self.of_surfaces(frame, open, 0.0))
+            }
             Layer::Ids if dry => LayerPixels::Names(vec![0; count]),
             Layer::Ids => {
                 let depth = |at: usize| town().map_or(f32::INFINITY, |pixels| pixels[at].depth);

@@ -21,6 +21,8 @@ const PARTS: usize = 4;
 const NONE: u32 = u32::MAX;
 
 impl Tally for Moments<'_> {
+    const UNSCATTERED: bool = false;
+
     #[inline]
     fn start(&mut self, direction: DVec3) {
         let all = harmonics(direction.to_array());

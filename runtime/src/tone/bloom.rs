@@ -26,11 +26,11 @@ impl Default for Bloom {
 }
 
 /// One image row or column, halved: outputs 2i from inputs 2i−1 … 2i+2, edges repeated.
-fn halved(length: usize) -> usize {
+pub(crate) fn halved(length: usize) -> usize {
     length.div_ceil(2)
 }
 
-fn halve(source: &Picture) -> Picture {
+pub(crate) fn halve(source: &Picture) -> Picture {
     let (width, height) = (halved(source.width), halved(source.height));
     let taps = |i: usize, length: usize| {
         let last = length - 1;
@@ -54,7 +54,7 @@ fn halve(source: &Picture) -> Picture {
 }
 
 /// Adds `coarse`, doubled, to `fine` times `weight`.
-fn add_doubled(fine: &Picture, weight: f32, coarse: &Picture) -> Picture {
+pub(crate) fn add_doubled(fine: &Picture, weight: f32, coarse: &Picture) -> Picture {
     // Output 2i lies a quarter step before coarse i, output 2i + 1 a quarter step behind it.
     let taps = |i: usize, length: usize| {
         let near = (i / 2).min(length - 1);

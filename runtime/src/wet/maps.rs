@@ -1,6 +1,7 @@
 //! What is baked from a scene's meshes, for effects that must know more than a camera sees.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
+use squall_formats::sphere::{degree_of, harmonics};
 
 /// Values over the ground: cells of one size, x first; a value belongs to its cell's middle.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,7 +12,7 @@ pub struct GroundMap {
     pub cell_m: f64,
     /// Cells along x and y.
     pub size: [usize; 2],
-    /// `size[0] * size[1]` values.
+    /// `size[0] * size[1]` values; NaN where there is nothing.
     pub values: Vec<f32>,
 }
 
@@ -20,7 +21,7 @@ impl GroundMap {
     pub fn cell(&self, place: DVec2) -> Option<[usize; 2]> {
         let at = (place - self.origin_m) / self.cell_m;
         let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < self.size[0] as f64 && at.y < self.size[1] as f64;
-        inside.then(|| [at.x as usize, at.y as usize])
+        inside.then_some([at.x as usize, at.y as usize])
     }
 
     /// Value of the cell that a place lies in.
@@ -76,15 +77,64 @@ pub struct LightningVolume {
     pub size: [usize; 3],
     /// Unit vectors towards the light, one a key direction.
     pub directions: Vec<DVec3>,
-    /// Of each key direction, of each node (x first): nine harmonics (bands 0 to 2) of the radiance that arrives, for a beam of irradiance 1,
-    /// direct light left out.
+    /// Of each key direction, of each node (x first): nine real orthonormal harmonics, l² + l + m, of the radiance that arrives, for a beam of
+    /// irradiance 1; direct light left out. The three colours' mean.
     pub harmonics: Vec<[f32; 9]>,
+}
+
+impl LightningVolume {
+    /// Harmonics at a place, between the eight nodes around it; beyond the outer nodes theirs. `None` for a key direction that there is
+    /// none of, or a place that is no number.
+    pub fn harmonics_at(&self, direction: usize, place: DVec3) -> Option<[f32; 9]> {
+        let count: usize = self.size.iter().product();
+        let nodes = self.harmonics.get(direction * count..(direction + 1) * count)?;
+        let at = (place - self.origin_m) / self.cell_m;
+        if count == 0 || !at.is_finite() {
+            return None;
+        }
+        let mut first = [0usize; 3];
+        let mut share = [0.0f32; 3];
+        for axis in 0..3 {
+            let last = self.size[axis] - 1;
+            let along = at[axis].clamp(0.0, last as f64);
+            first[axis] = (along as usize).min(last.saturating_sub(1));
+            share[axis] = (along - first[axis] as f64) as f32;
+        }
+        let mut sum = [0.0f32; 9];
+        for corner in 0..8usize {
+            let mut weight = 1.0;
+            let mut node = 0;
+            for axis in (0..3).rev() {
+                let far = corner >> axis & 1;
+                weight *= if far == 1 { share[axis] } else { 1.0 - share[axis] };
+                node = node * self.size[axis] + (first[axis] + far).min(self.size[axis] - 1);
+            }
+            if weight > 0.0 {
+                for (sum, light) in sum.iter_mut().zip(&nodes[node]) {
+                    *sum += weight * light;
+                }
+            }
+        }
+        Some(sum)
+    }
+
+    /// Irradiance of a surface with unit normal `normal` by reflected light \[ramamoorthi\], W/m² for a beam of 1 W/m² from that key
+    /// direction; at least 0. `None` as [`LightningVolume::harmonics_at`].
+    pub fn irradiance(&self, direction: usize, place: DVec3, normal: Vec3) -> Option<f32> {
+        use std::f32::consts::PI;
+        let light = self.harmonics_at(direction, place)?;
+        let basis = harmonics(normal.to_array().map(f64::from));
+        // What a cosine lobe keeps of each degree.
+        let kept = |index: usize| [PI, 2.0 * PI / 3.0, 0.25 * PI][degree_of(index)];
+        let terms = light.iter().zip(basis).enumerate();
+        Some(terms.map(|(index, (light, basis))| kept(index) * light * basis as f32).sum::<f32>().max(0.0))
+    }
 }
 
 /// What was baked from meshes; all of it may be absent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WetMaps {
-    /// Height of the uppermost surface, m: what rain hits first.
+    /// Height of the highest point in each cell, m: what rain hits first, never below what stands there.
     pub height_m: Option<GroundMap>,
     /// Depth of standing water when puddles are full, m.
     pub water_m: Option<GroundMap>,

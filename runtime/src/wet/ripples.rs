@@ -151,6 +151,12 @@ impl Ripples {
         })
     }
 
+    /// The same with its clock at another time than 0, s, 0 or more: the drops of that time are those that strike.
+    #[must_use]
+    pub fn starting_at(self, time_s: f64) -> Self {
+        Self { time_s: if time_s > 0.0 { time_s } else { 0.0 }, ..self }
+    }
+
     /// What the surface was made with.
     pub const fn settings(&self) -> &RippleSettings {
         &self.settings

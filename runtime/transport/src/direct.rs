@@ -13,9 +13,10 @@ mod skip;
 use crate::cloud::{Boundary, Cloud};
 pub use crate::light::Light;
 use crate::math::exp_neg;
-pub use field::DirectField;
+pub use field::{DirectField, DirectMoments};
 use glam::DVec3;
 pub use rays::fibonacci;
+pub use skip::{NearCloud, distances};
 
 /// Optical depth after scaling beyond which a ray is given up: e^−30 is lost in any sum in single precision.
 const DARK: f32 = 30.0;
@@ -35,6 +36,8 @@ pub struct PowerRay {
 
 /// Receives what rays leave in cells.
 pub trait Tally {
+    /// Whether light that was never scattered is asked for; what is handed over is 0 where it isn't and the tracer has a choice.
+    const UNSCATTERED: bool = true;
     /// A new ray begins.
     fn start(&mut self, direction: DVec3);
     /// ∫ power · e^{−τ} ds along the ray's chord in `cell`, W·m: of light that was never scattered, and of light that

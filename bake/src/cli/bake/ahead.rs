@@ -56,6 +56,13 @@ fn check(recipe: &Recipe) -> Result<(), BakeError> {
     if let Some(path) = &recipe.town {
         read_town(path)?;
     }
+    #[cfg(feature = "meshes")]
+    if let Some(scene) = &recipe.scene {
+        squall_bake::input::meshes::read_meshes(&scene.file, &squall_scene::Read::default())?;
+        if let Some(mask) = &scene.puddles {
+            read_grey(&mask.file)?;
+        }
+    }
     if let Some(clouds) = &recipe.clouds {
         read_scene(&clouds.scene, clouds.optics)?;
     }

@@ -1,7 +1,7 @@
 //! Layers of a picture in one OpenEXR file: beauty as R, G and B, every other one with its name before its channels.
 
 use anyhow::Context;
-use squall_bake::picture::{ChannelValues, Note, encode_layers};
+use squall_bake::picture::{ChannelValues, Note, encode_seen_layers};
 use squall_runtime::renderer::{Layer, LayerPixels};
 use squall_runtime::{Frame, StormRenderer};
 
@@ -16,11 +16,11 @@ pub fn layer(name: &str) -> Result<Layer, String> {
 fn channels(layer: Layer) -> Vec<String> {
     let prefix = if layer == Layer::Beauty { String::new() } else { format!("{}.", layer.name()) };
     let letters: &[&str] = match layer {
-        Layer::Beauty | Layer::Cloud | Layer::Direct => &["R", "G", "B"],
+        Layer::Beauty | Layer::Cloud | Layer::Direct | Layer::Albedo | Layer::Emission => &["R", "G", "B"],
         Layer::Depth => &["Z"],
         Layer::Normal => &["X", "Y", "Z"],
         Layer::Ids => &["low", "high"],
-        // Shares: coverage and transmittance.
+        // Shares: coverage, transmittance, roughness, what gets wet.
         _ => &["Y"],
     };
     letters.iter().map(|letter| format!("{prefix}{letter}")).collect()
@@ -32,7 +32,7 @@ pub fn are_among(layers: &[Layer], names: &[String]) -> bool {
     layers.iter().flat_map(|&layer| channels(layer)).all(|name| names.contains(&name))
 }
 
-/// Bytes of the file with the layers of the picture that `renderer` drew last, of `frame`.
+/// Bytes of the file with the layers of the picture that `renderer` drew last, of `frame`, and its camera as attributes.
 ///
 /// Errors: as [`StormRenderer::layer`].
 pub fn encode(
@@ -70,5 +70,5 @@ pub fn encode(
         }
     }
     let size = (frame.camera.width as usize, frame.camera.height as usize);
-    Ok(encode_layers(size, all, note)?)
+    Ok(encode_seen_layers(size, all, (note, Some(&frame.camera)))?)
 }

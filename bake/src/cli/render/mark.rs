@@ -15,11 +15,14 @@ const KEYWORD: &str = "squall frame";
 pub struct Marks(blake3::Hasher);
 
 impl Marks {
-    /// Takes in what all frames share. `asset` is its bytes.
-    pub fn new(asset: &[u8], tone: &Tone) -> Self {
+    /// Takes in what all frames share. `asset` is its bytes, `dry` whether its ground was dried.
+    pub fn new(asset: &[u8], tone: &Tone, dry: bool) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(blake3::hash(asset).as_bytes());
         hasher.update(format!("{}\n{tone:?}\n", tool()).as_bytes());
+        if dry {
+            hasher.update(b"dry ground");
+        }
         Self(hasher)
     }
 

@@ -56,6 +56,8 @@ pub struct Sequence<'a> {
     pub animated: bool,
     /// Keep frames that are there, whole.
     pub resume: bool,
+    /// Whether the ground was dried.
+    pub dry: bool,
     /// A pattern, or the animated picture.
     pub out: &'a Path,
     /// Layers of every frame; none for the picture alone.
@@ -117,7 +119,7 @@ impl Sequence<'_> {
         }
         let mut made = Made::default();
         let (mut folder, places) = self.places()?;
-        let marks = Marks::new(renderer.asset().bytes(), tone);
+        let marks = Marks::new(renderer.asset().bytes(), tone, self.dry);
         bars.begin("frames", count);
         for (done, (number, (path, form))) in (self.range.first..self.range.end).zip(places).enumerate() {
             bars.check()?;

@@ -5,7 +5,7 @@ use crate::camera::Ray;
 use crate::shade::detail::{Detail, ceilings};
 use crate::transport::Cloud;
 use crate::transport::direct::Tracer;
-use squall_formats::GridShape;
+use crate::transport::direct::distances;
 
 /// A stretch of a ray along which density is even.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,31 +82,6 @@ impl CloudShape {
     pub fn distances(&self) -> &[u8] {
         &self.distances
     }
-}
-
-/// How many steps the nearest that is `filled` is away, a cell of a grid, at most 255; all 26 neighbours are one step away. Two sweeps,
-/// each of which looks at the 13 neighbours that come before \[rosenfeld-pfaltz\], are exact.
-pub(crate) fn distances(shape: GridShape, filled: impl Iterator<Item = bool>) -> Vec<u8> {
-    let mut distances: Vec<u8> = filled.map(|filled| if filled { 0 } else { u8::MAX }).collect();
-    let counts = shape.to_array().map(|count| count as isize);
-    let before = |i: isize| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1];
-    for sign in [1, -1] {
-        let steps: [[isize; 3]; 13] = std::array::from_fn(|i| before(i as isize).map(|step| step * sign));
-        for number in 0..distances.len() {
-            let index = if sign == 1 { number } else { distances.len() - 1 - number };
-            let cell = shape.cell(index).map(|at| at as isize);
-            let mut least = distances[index];
-            for step in &steps {
-                let at: [isize; 3] = std::array::from_fn(|axis| cell[axis] + step[axis]);
-                if least > 1 && (0..3).all(|axis| (0..counts[axis]).contains(&at[axis])) {
-                    let [x, y, z] = at.map(|at| at as usize);
-                    least = least.min(distances[shape.index(x, y, z)].saturating_add(1));
-                }
-            }
-            distances[index] = least;
-        }
-    }
-    distances
 }
 
 /// Extinction between cell centres, its edges cut into billows, so that a grid with cells of a hundred metres does not look like

@@ -78,3 +78,41 @@ impl<const M: usize> Tally for DirectField<M> {
         }
     }
 }
+
+/// Moments of direct light alone, for sweeps that scatter it.
+#[derive(Clone, Debug)]
+pub struct DirectMoments<const M: usize> {
+    /// As [`DirectField::moments`], W·m.
+    pub moments: Vec<[f32; M]>,
+    basis: [f32; M],
+}
+
+impl<const M: usize> DirectMoments<M> {
+    /// None of it yet, in so many cells.
+    pub fn new(cells: usize) -> Self {
+        Self { moments: vec![[0.0; M]; cells], basis: [0.0; M] }
+    }
+
+    /// Sets all sums to zero.
+    pub fn clear(&mut self) {
+        self.moments.fill([0.0; M]);
+    }
+}
+
+impl<const M: usize> Tally for DirectMoments<M> {
+    const UNSCATTERED: bool = false;
+
+    #[inline]
+    fn start(&mut self, direction: DVec3) {
+        let all = harmonics(direction.to_array());
+        self.basis = std::array::from_fn(|m| all[m] as f32);
+    }
+
+    #[inline(always)]
+    fn chord(&mut self, cell: usize, _: f32, scaled: f32) {
+        let moments = &mut self.moments[cell];
+        for m in 0..M {
+            moments[m] += scaled * self.basis[m];
+        }
+    }
+}

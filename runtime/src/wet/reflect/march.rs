@@ -1,0 +1,161 @@
+//! Rays followed over a depth buffer.
+
+use super::view::View;
+use glam::{Vec2, Vec3};
+
+/// Steps of a ray at most.
+const STEPS: usize = 24;
+/// Halvings that find where a step crossed something.
+const HALVINGS: usize = 5;
+/// Depth of the plane before the eye at which rays towards it end, m.
+const NEAR_M: f32 = 0.02;
+/// A ray is behind something where it is deeper by this share.
+const BEHIND: f32 = 1e-3;
+/// Share of the picture along its borders over which what is seen gives way to the world's light.
+const BORDER: f32 = 0.06;
+
+/// A depth buffer and how rays go over it.
+#[derive(Clone, Copy, Debug)]
+pub struct March<'a> {
+    /// The camera.
+    pub view: &'a View,
+    /// Inverse of planar depth, 1/m; 0 for sky and holes ([`inverse_of`]).
+    pub inverse_depth: &'a [f32],
+    /// How far rays go, m.
+    pub reach_m: f32,
+    /// How thick things are taken to be, m: behind them rays go on.
+    pub thickness_m: f32,
+}
+
+/// Where a ray ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum End {
+    /// At a pixel of the picture: on something, or where it would be seen far away.
+    Seen(Vec2),
+    /// Beyond the picture, where it would be seen far away if the picture were larger.
+    Beyond(Vec2),
+    /// Behind the eye.
+    Behind,
+}
+
+impl End {
+    /// The pixel, which may be beyond the picture.
+    pub fn pixel(self) -> Option<Vec2> {
+        match self {
+            Self::Seen(at) | Self::Beyond(at) => Some(at),
+            Self::Behind => None,
+        }
+    }
+}
+
+/// Inverses of planar depths; 0 for the sky and for holes.
+pub fn inverse_of(depth_m: &[f32], out: &mut Vec<f32>) {
+    out.clear();
+    out.extend(depth_m.iter().map(|&depth| if depth > 0.0 { 1.0 / depth } else { 0.0 }));
+}
+
+impl March<'_> {
+    /// Follows a ray from a place, in the camera's axes, in unit `direction`.
+    pub fn end(&self, from: Vec3, direction: Vec3) -> End {
+        let length = if direction.z < 0.0 {
+            self.reach_m.min((NEAR_M - from.z) / direction.z).max(0.0)
+        } else {
+            self.reach_m
+        };
+        let to = from + direction * length;
+        let (a, b) = (self.view.pixel(from), self.view.pixel(to));
+        let inside = self.share_inside(a, b);
+        // Depth is linear along the way of parallel rays, its inverse along that of others.
+        let parallel = self.view.is_parallel();
+        let [za, zb] = if parallel { [from.z, to.z] } else { [1.0 / from.z, 1.0 / to.z] };
+        let depth = |u: f32| {
+            let value = za + u * (zb - za);
+            if parallel { value } else { 1.0 / value }
+        };
+        let span = (b - a).abs().max_element() * inside;
+        let steps = ((span / 1.5).ceil() as usize).clamp(1, STEPS);
+        let (mut before, mut last) = (0.0, from.z);
+        for step in 1..=steps {
+            let f = step as f32 / steps as f32;
+            // Short steps where a thing stands on what mirrors it.
+            let u = inside * f * (0.25 + 0.75 * f);
+            let at = a.lerp(b, u);
+            let z = depth(u);
+            let scene = self.scene(at);
+            if z > scene * (1.0 + BEHIND) && z - scene < self.thickness_m + (z - last).abs() {
+                return self.found((a, b), (before, u), &depth);
+            }
+            (before, last) = (u, z);
+        }
+        match (direction.z > 0.0 || parallel, inside < 1.0) {
+            (false, _) => End::Behind,
+            (true, false) => End::Seen(b),
+            (true, true) => {
+                // What stands at the border goes on beyond it.
+                let scene = self.scene(a.lerp(b, inside));
+                let length = (scene - from.z) / direction.z.max(1e-6);
+                let goes_on = scene.is_finite() && length > 0.0;
+                let beyond = if goes_on { self.view.pixel(from + direction * length) } else { b };
+                End::Beyond(beyond)
+            }
+        }
+    }
+
+    /// Where between two steps a ray came behind something.
+    fn found(
+        &self,
+        (a, b): (Vec2, Vec2),
+        (mut low, mut high): (f32, f32),
+        depth: &impl Fn(f32) -> f32,
+    ) -> End {
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if depth(middle) > self.scene(a.lerp(b, middle)) * (1.0 + BEHIND) {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        End::Seen(a.lerp(b, high))
+    }
+
+    /// Depth at a pixel, between four pixels' middles: inverse depth is linear over planes, so that a ray which leaves one doesn't meet it again.
+    #[inline]
+    fn scene(&self, at: Vec2) -> f32 {
+        let [width, height] = self.view.size;
+        let x = (at.x - 0.5).clamp(0.0, (width - 1) as f32);
+        let y = (at.y - 0.5).clamp(0.0, (height - 1) as f32);
+        let (left, top) = (x as usize, y as usize);
+        let (u, v) = (x - left as f32, y - top as f32);
+        let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
+        let (above, below) = (top * width, bottom * width);
+        let inverse = |at: usize| self.inverse_depth[at];
+        let upper = inverse(above + left) + u * (inverse(above + right) - inverse(above + left));
+        let lower = inverse(below + left) + u * (inverse(below + right) - inverse(below + left));
+        1.0 / (upper + v * (lower - upper))
+    }
+
+    /// Share of the way from one pixel to another that is inside the picture.
+    pub fn share_inside(&self, a: Vec2, b: Vec2) -> f32 {
+        let size = Vec2::new(self.view.size[0] as f32, self.view.size[1] as f32);
+        let way = b - a;
+        let mut share = 1.0f32;
+        for axis in 0..2 {
+            let (from, along, end) = (a[axis], way[axis], size[axis]);
+            if along > 0.0 && from + along > end {
+                share = share.min((end - from) / along);
+            } else if along < 0.0 && from + along < 0.0 {
+                share = share.min(-from / along);
+            }
+        }
+        share.max(0.0)
+    }
+
+    /// Share that a pixel has of the answer: 1 inside, falling to 0 at the borders.
+    pub fn share(&self, at: Vec2) -> f32 {
+        let size = Vec2::new(self.view.size[0] as f32, self.view.size[1] as f32);
+        let edge = (at / size).min(1.0 - at / size).min_element();
+        let t = (edge / BORDER).clamp(0.0, 1.0);
+        t * t * (3.0 - 2.0 * t)
+    }
+}

@@ -1,0 +1,136 @@
+//! Where water stands: by a baked map of its depth, or by a noise that stands in the world, on flat ground.
+
+use crate::noise::Lattice;
+use crate::wet::maps::WetMaps;
+use crate::wet::surface::SurfaceControls;
+use glam::{DVec2, Vec3};
+
+/// Nodes along the side of the noise's tile, which repeats.
+const SIDE: usize = 256;
+/// Puddles along the side of a tile.
+const PUDDLES: u8 = 4;
+/// Octaves of the noise: shores have detail down to an eighth of a puddle.
+const OCTAVES: u32 = 4;
+/// Cosine of the steepest ground that water stands on: 5°.
+const FLAT: f32 = 0.996;
+
+/// How low flat ground lies, 0 to 1 by rank: a share s of it is lower than 1 − s.
+pub struct Hollows {
+    /// By node of a tile.
+    ranks: Vec<f32>,
+}
+
+impl Hollows {
+    /// Draws the ground of a seed.
+    pub fn new(seed: u64) -> Self {
+        let lattice = Lattice::periodic(seed as u32 ^ 0x5EED, PUDDLES.ilog2() as u8);
+        let step = f32::from(PUDDLES) / SIDE as f32;
+        let levels: Vec<f32> = (0..SIDE * SIDE)
+            .map(|i| {
+                let spot = Vec3::new((i % SIDE) as f32 * step, (i / SIDE) as f32 * step, 0.5);
+                lattice.fractal(spot, OCTAVES, 0.5)
+            })
+            .collect();
+        let mut order: Vec<u32> = (0..levels.len() as u32).collect();
+        order.sort_by(|&a, &b| levels[a as usize].total_cmp(&levels[b as usize]));
+        let mut ranks = vec![0.0; levels.len()];
+        let last = (levels.len() - 1) as f32;
+        for (rank, node) in order.into_iter().enumerate() {
+            ranks[node as usize] = rank as f32 / last;
+        }
+        Self { ranks }
+    }
+
+    /// How low a place lies; `size` m is a puddle's.
+    fn rank(&self, place: DVec2, size: f32) -> f32 {
+        let tile = f64::from(size) * f64::from(PUDDLES);
+        let within = |value: f64| {
+            let turns = value / tile;
+            ((turns - libm::floor(turns)) * SIDE as f64) as f32
+        };
+        let (x, y) = (within(place.x), within(place.y));
+        let (left, top) = (x as usize % SIDE, y as usize % SIDE);
+        let (right, bottom) = ((left + 1) % SIDE, (top + 1) % SIDE);
+        let (u, v) = (x - libm::floorf(x), y - libm::floorf(y));
+        let node = |x: usize, y: usize| self.ranks[y * SIDE + x];
+        let above = node(left, top) + u * (node(right, top) - node(left, top));
+        let below = node(left, bottom) + u * (node(right, bottom) - node(left, bottom));
+        above + v * (below - above)
+    }
+
+    /// Depth of water at a place, m, where puddles are full to a share `full`: the level sinks with it, and shores draw back.
+    pub fn depth_m(
+        &self,
+        (place, normal): (DVec2, Vec3),
+        (maps, full): (&WetMaps, f32),
+        controls: &SurfaceControls,
+    ) -> f32 {
+        if normal.z < FLAT || full <= 0.0 {
+            return 0.0;
+        }
+        let deepest = controls.puddle_depth;
+        let when_full = match &maps.water_m {
+            Some(map) => map.between(place).filter(|depth| *depth > 0.0).unwrap_or(0.0),
+            None => {
+                let share = controls.puddles;
+                if share <= 0.0 {
+                    return 0.0;
+                }
+                let low = self.rank(place, controls.puddle_size) - (1.0 - share);
+                deepest * low / share
+            }
+        };
+        (when_full - (1.0 - full) * deepest).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wet::maps::GroundMap;
+
+    fn controls(puddles: f32) -> SurfaceControls {
+        SurfaceControls { puddles, ..SurfaceControls::default() }
+    }
+
+    #[test]
+    fn puddles_cover_the_share_that_was_asked_for_and_stand_still_in_the_world() {
+        /// Nodes lie finer than the looks; between them ranks are means.
+        const SAMPLING: f32 = 0.02;
+        let (hollows, maps) = (Hollows::new(4), WetMaps::default());
+        for share in [0.0f32, 0.2, 0.7] {
+            let controls = controls(share);
+            let depth = |place: DVec2| hollows.depth_m((place, Vec3::Z), (&maps, 1.0), &controls);
+            let wet = (0..10_000)
+                .filter(|i| depth(DVec2::new(f64::from(i % 100), f64::from(i / 100)) * 0.121) > 0.0);
+            let found = wet.count() as f32 / 10_000.0;
+            assert!((found - share).abs() < SAMPLING, "{share}: {found}");
+        }
+        let far = DVec2::new(3.0e5, -5.0e6);
+        let tile = f64::from(controls(0.5).puddle_size) * f64::from(PUDDLES);
+        let near = DVec2::new(1.3, 2.4);
+        let [a, b] = [near, near + (far / tile).round() * tile]
+            .map(|place| hollows.depth_m((place, Vec3::Z), (&maps, 1.0), &controls(0.5)));
+        assert!((a - b).abs() < 1e-5, "{a} {b}");
+    }
+
+    #[test]
+    fn a_baked_map_says_where_water_stands_and_slopes_have_none() {
+        let map = GroundMap {
+            origin_m: DVec2::ZERO,
+            cell_m: 1.0,
+            size: [2, 2],
+            values: vec![0.0, 0.03, 0.0, 0.03],
+        };
+        let maps = WetMaps { water_m: Some(map), ..WetMaps::default() };
+        let hollows = Hollows::new(1);
+        let controls = SurfaceControls { puddle_depth: 0.03, ..SurfaceControls::default() };
+        let depth = |x: f64, normal: Vec3, full: f32| {
+            hollows.depth_m((DVec2::new(x, 1.0), normal), (&maps, full), &controls)
+        };
+        assert_eq!((depth(0.3, Vec3::Z, 1.0), depth(1.7, Vec3::Z, 1.0)), (0.0, 0.03));
+        assert_eq!(depth(1.7, Vec3::new(0.2, 0.0, 0.98).normalize(), 1.0), 0.0);
+        assert_eq!((depth(1.7, Vec3::Z, 0.0), depth(9.0, Vec3::Z, 1.0)), (0.0, 0.0));
+        assert!((depth(1.7, Vec3::Z, 0.5) - 0.015).abs() < 1e-6);
+    }
+}
