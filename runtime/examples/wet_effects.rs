@@ -83,8 +83,8 @@ fn processor_ns() -> f64 {
 /// Saves light as it would look to a camera.
 fn save(path: &Path, size: [usize; 2], light: &[[f32; 3]]) -> std::io::Result<()> {
     let byte = |value: f32| {
-        let shown = 1.0 - (-2.4 * value.max(0.0)).exp();
-        (255.0 * shown.powf(1.0 / 2.2) + 0.5) as u8
+        let shown = 1.0 - libm::expf(-2.4 * value.max(0.0));
+        (255.0 * libm::powf(shown, 1.0 / 2.2) + 0.5) as u8
     };
     let mut bytes = format!("P6\n{} {}\n255\n", size[0], size[1]).into_bytes();
     bytes.extend(light.iter().flatten().map(|&value| byte(value)));

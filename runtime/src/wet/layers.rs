@@ -84,6 +84,13 @@ pub struct Layers {
     light: LightMemory,
 }
 
+/// What drawing takes.
+struct Brush<'a, 'b> {
+    frame: &'a WetFrame<'b>,
+    eye: &'a Eye,
+    controls: &'a LayerControls,
+}
+
 /// One layer, ready.
 #[derive(Clone, Copy, Debug)]
 struct Sheet {
@@ -146,8 +153,9 @@ impl Layers {
         let mut light = std::mem::take(&mut self.light);
         let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
         let mut now = light.prepare(frame, &eye, &lights);
+        let brush = Brush { frame, eye: &eye, controls };
         for sheet in sheets.iter().rev() {
-            report.pixels += self.sheet(frame, &eye, controls, (along, sheet), &mut now, out);
+            report.pixels += self.sheet(&brush, (along, sheet), &mut now, out);
             report.layers += 1;
         }
         self.light = light;
@@ -156,9 +164,7 @@ impl Layers {
 
     fn sheet(
         &self,
-        frame: &WetFrame<'_>,
-        eye: &Eye,
-        controls: &LayerControls,
+        &Brush { frame, eye, controls }: &Brush<'_, '_>,
         (along, sheet): (Vec2, &Sheet),
         light: &mut DropLight<'_>,
         out: &mut Layer,
@@ -274,7 +280,7 @@ fn sheets(frame: &WetFrame<'_>, eye: &Eye, controls: &LayerControls) -> Option<(
     let number: f64 = large().map(|drop| drop.impacts_per_m2_s / drop.speed_m_per_s).sum();
     let flux: f64 = large().map(|drop| drop.impacts_per_m2_s).sum();
     let share = f64::from(controls.amount) * number / MOST_PER_M3;
-    if !(share > 0.0) {
+    if share.is_nan() || share <= 0.0 {
         return None;
     }
     let speed = flux / number;
