@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | 1 | lightning on surfaces | the buffers |
 //! | 2 | wet surfaces | the frame lit by it |
-//! | 3 | what rain does where it lands | the wet frame |
+//! | 3 | splatters, splashes, what drips, mist at silhouettes, drops close to the lens | the wet frame, and what was drawn over it |
 //! | 4 | rain: its medium, which dims by Beer and Lambert's law, and its streaks | the wet frame |
 //! | 5 | glow | the lights of the wet frame, before rain is before them |
 //!
@@ -221,10 +221,7 @@ impl WetRenderer {
             Effect::Surface => self.surface.draw(frame, &settings.surface, layer)?.wet,
             Effect::Splatters => self.splatters.draw(frame, &settings.splatters, layer)?.rings as usize,
             Effect::Splashes => self.splashes.draw(frame, &settings.splashes, layer)?.splashes as usize,
-            Effect::Drips => {
-                let report = self.drips.draw(frame, &settings.drips, layer)?;
-                (report.falling + report.hanging) as usize
-            }
+            Effect::Drips => self.drips.draw(frame, &settings.drips, layer)?.falling as usize,
             Effect::Halos => {
                 let report = self.halos.draw(frame, &settings.halos, layer)?;
                 (report.fins + report.edges) as usize

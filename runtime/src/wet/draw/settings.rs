@@ -71,9 +71,9 @@ macro_rules! effects {
         }
 
         impl Default for WetSettings {
-            /// Every effect, with its usual controls.
+            /// Every effect but drops close to the lens, with its usual controls.
             fn default() -> Self {
-                Self { off: Vec::new(), $($field: $controls::default(),)+ }
+                Self { off: vec![Effect::Drops], $($field: $controls::default(),)+ }
             }
         }
 
@@ -98,18 +98,18 @@ effects! {
     Lightning, "lightning", lightning: LightningControls, "6.1";
     /// Wet surfaces: darkened, filmed over, with puddles, ripples and what they mirror.
     Surface, "surface", surface: SurfaceControls, "4, 6.3";
-    /// Splatters: rings that drops leave on surfaces near the camera.
+    /// Rings that drops leave on surfaces near the camera.
     Splatters, "splatters", splatters: SplatterControls, "3.4";
-    /// Splashes where drops hit.
+    /// Splashes where drops hit what the frame shows.
     Splashes, "splashes", splashes: SplashControls, "3.3";
-    /// Drops that drip from edges.
+    /// Drops that drip from edges; an asset's scene tells where.
     Drips, "drips", drips: DripControls, "3.2";
     /// Mist at silhouettes.
     Halos, "halos", halos: HaloControls, "3.4";
+    /// Drops close to the lens with the world in them; off unless it is asked for, as the rain's streaks show some of the same drops.
+    Drops, "drops", drops: DropControls, "3.1";
     /// Rain before the frame: streaks and distance.
     Rain, "rain", rain: RainControls, "3.1, 6.2";
-    /// Drops close to the lens, each for itself.
-    Drops, "drops", drops: DropControls, "3.1";
     /// Glow around lights.
     Glow, "glow", glow: GlowControls, "6.2";
 }
@@ -122,7 +122,7 @@ impl Effect {
 
     /// Whether it belongs to the scene, so that what comes later looks at it.
     pub(super) fn is_before_the_rain(self) -> bool {
-        !matches!(self, Self::Rain | Self::Drops | Self::Glow)
+        !matches!(self, Self::Rain | Self::Glow)
     }
 }
 
