@@ -26,6 +26,7 @@ mod steps;
 mod streaks;
 mod synth;
 mod usage;
+mod wet;
 
 /// Cargo looks for no tests by itself here (`autotests`), so a file that is not named above would never run.
 #[test]

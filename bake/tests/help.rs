@@ -22,11 +22,12 @@ fn same(name: &str, text: &str) {
     assert!(text == wanted, "{} differs; SQUALL_UPDATE=1 writes it anew. Now:\n{text}", path.display());
 }
 
-const COMMANDS: [&str; 21] = [
+const COMMANDS: [&str; 22] = [
     "",
     "bake",
     "render",
     "rain",
+    "wet",
     "relight",
     "solve",
     "query",

@@ -18,6 +18,7 @@ use squall_bake::recipe::read_view;
 use squall_formats::section::view::ViewSection;
 use squall_formats::units::MillimetresPerHour;
 use squall_runtime::wet::draw::{Effect, WetRenderer, WetSettings};
+use squall_runtime::wet::maps::WetMaps;
 use squall_runtime::{Asset, RuntimeError};
 use std::path::{Path, PathBuf};
 
@@ -264,7 +265,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let reading = args.reading()?;
     let sequence = Sequence::of(&args, (gbuffer, out), (rate, view.as_ref()))?;
     let asset_bytes = asset.as_ref().map_or(&b""[..], Asset::bytes);
-    let made = sequence.run((&mut renderer, &settings), &reading, asset_bytes, &bars)?;
+    let maps = asset.as_ref().map_or_else(|| Ok(WetMaps::default()), WetMaps::of)?;
+    let made = sequence.run((&mut renderer, &settings), &reading, (asset_bytes, &maps), &bars)?;
     for note in &made.notes {
         bars.say(&format!("note: {note}"));
     }

@@ -57,7 +57,7 @@ controls! {
         /// Rain that fills them, run off from around.
         fills: 8.0, 0.01..=1000.0, "mm", "";
         /// Over depth, how far water hides the ground's own unevenness.
-        influence: 400.0, 0.0..=1e5, "1/m", "p_i";
+        influence: 250.0, 0.0..=1e5, "1/m", "p_i";
         /// Standard deviation of slopes of water that no drop moves: wind.
         puddle_slope: 0.004, 0.0..=0.5, "", "";
         /// Factor on ripples' slopes.
@@ -194,6 +194,8 @@ struct State {
 /// What the film of every other pixel mirrors.
 #[derive(Clone, Copy, Default)]
 struct Film {
+    /// What standing water in the same pixel mirrors, where it is so far away that neighbours need no look of their own.
+    standing: Mirrored,
     light: [f32; 3],
     fresnel: f32,
     normal: Vec3,
@@ -203,6 +205,8 @@ struct Film {
 
 /// Roughness from which surfaces have pores, and from which they are full of them.
 const POROUS: [f32; 2] = [0.4, 0.8];
+/// Pixels that cover so much of the ground share what standing water mirrors with their neighbours, m: a lattice's cells are finer.
+const SHARED_M: f32 = 0.02;
 /// Puddles cover a pixel from this share on for itself; below, the film shows.
 const PUDDLE: f32 = 0.02;
 
@@ -286,8 +290,8 @@ impl Surface {
         if controls.paper_streaks > 0.5 {
             task.smear(&mut self.films, &mut self.smear);
         }
-        let rays =
-            task.lay(&self.films, out) + self.films.iter().map(|film| film.rays as usize).sum::<usize>();
+        let rays = task.lay(&self.films, out)
+            + self.films.iter().map(|film| (film.rays + film.standing.rays) as usize).sum::<usize>();
         self.world = Some((frame.light.clone(), world));
         Ok(SurfaceReport { wet, puddles, rays })
     }
@@ -313,7 +317,6 @@ impl Surface {
         let falls = falls(frame);
         let (width, hollows) = (buffer.size[0], &self.hollows);
         let row = |(y, states): (usize, &mut [State])| {
-            let (mut wet, mut standing) = (0, 0);
             for (x, state) in states.iter_mut().enumerate() {
                 let at = y * width + x;
                 let depth = buffer.depth_m[at];
@@ -335,16 +338,11 @@ impl Surface {
                     );
                     state.puddle = (water * controls.influence).clamp(0.0, 1.0);
                 }
-                wet += usize::from(state.wetness > 0.0);
-                standing += usize::from(state.puddle > PUDDLE);
             }
-            (wet, standing)
         };
-        self.states
-            .par_chunks_mut(width)
-            .enumerate()
-            .map(row)
-            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+        self.states.par_chunks_mut(width).enumerate().for_each(row);
+        let wet = self.states.iter().filter(|state| state.wetness > 0.0).count();
+        (wet, self.states.iter().filter(|state| state.puddle > PUDDLE).count())
     }
 }
 
@@ -406,37 +404,56 @@ impl Task<'_> {
         films.resize(half[0] * half[1], Film::default());
         let row = |(row, films): (usize, &mut [Film])| {
             for (column, film) in films.iter_mut().enumerate() {
-                // Of its four pixels the first that is wet.
+                // Of its four pixels the one with least water shows the film, the one with most the water.
                 let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| (2 * column + x, 2 * row + y));
-                let wet = four.into_iter().find(|&(x, y)| {
-                    x < width && y < height && {
-                        let state = self.states[y * width + x];
-                        state.wetness > 0.0 && state.puddle < 1.0
-                    }
-                });
-                if let Some((x, y)) = wet {
-                    *film = self.film(x, y);
+                let wet = || four.into_iter().filter(|&(x, y)| x < width && y < height);
+                let wet = || wet().filter(|&(x, y)| self.states[y * width + x].wetness > 0.0);
+                let puddle = |(x, y): &(usize, usize)| self.states[y * width + x].puddle;
+                let ends = (
+                    wet().min_by(|a, b| puddle(a).total_cmp(&puddle(b))),
+                    wet().max_by(|a, b| puddle(a).total_cmp(&puddle(b))),
+                );
+                if let (Some(least), Some(most)) = ends {
+                    *film = self.film(least, most);
                 }
             }
         };
         films.par_chunks_mut(half[0]).enumerate().for_each(row);
     }
 
-    fn film(&self, x: usize, y: usize) -> Film {
+    /// What the film mirrors in one pixel, and standing water in another, where that is far away.
+    fn film(&self, (x, y): (usize, usize), most: (usize, usize)) -> Film {
         let buffer = self.frame.buffer;
-        let at = y * buffer.size[0] + x;
-        let Some(normal) = buffer.unit_normal(at) else { return Film::default() };
-        let depth = buffer.depth_m[at];
-        let place = self.view.place(x, y, depth);
-        let to_eye = self.view.to_eye(place);
-        let seen = self.view.from_world(normal);
-        let slope = if self.controls.paper_streaks > 0.5 {
-            0.0
-        } else {
-            self.film_slope(self.material(at).roughness)
+        let width = buffer.size[0];
+        let geometry = |(x, y): (usize, usize)| {
+            let at = y * width + x;
+            let place = self.view.place(x, y, buffer.depth_m[at]);
+            (at, place, buffer.unit_normal(at).unwrap_or(Vec3::Z), self.view.to_eye(place))
         };
-        let Mirrored { light, fresnel, rays } = self.mirror.fan((place, seen, to_eye), slope, self.fresnel);
-        Film { light, fresnel, normal, depth, rays }
+        let (at, place, normal, to_eye) = geometry(most);
+        let puddle = self.states[at].puddle;
+        let shares = puddle > PUDDLE && self.footprint(place, normal, to_eye) > SHARED_M;
+        let standing = match shares {
+            true => self.puddle((place, normal, to_eye), (puddle, self.material(at).roughness)),
+            false => Mirrored::default(),
+        };
+        let (at, place, normal, to_eye) = geometry((x, y));
+        let film = if self.states[at].puddle < 1.0 {
+            let is_paper = self.controls.paper_streaks > 0.5;
+            let slope = if is_paper { 0.0 } else { self.film_slope(self.material(at).roughness) };
+            self.mirror.fan((place, self.view.from_world(normal), to_eye), slope, self.fresnel)
+        } else {
+            // Under deep water there is no film.
+            Mirrored::default()
+        };
+        let Mirrored { light, fresnel, rays } = film;
+        Film { standing, light, fresnel, normal, depth: buffer.depth_m[at], rays }
+    }
+
+    /// How much of the ground a pixel covers, m: more along the view than across.
+    fn footprint(&self, place: Vec3, normal: Vec3, to_eye: Vec3) -> f32 {
+        let facing = normal.dot(self.view.to_world(to_eye)).max(0.05);
+        self.view.pixel_m(place.z) / facing.sqrt()
     }
 
     /// Smears the films as the paper does: by the distance of what each shows.
@@ -502,13 +519,21 @@ impl Task<'_> {
         let place = self.view.place(x, y, buffer.depth_m[at]);
         let to_eye = self.view.to_eye(place);
         let material = self.material(at);
-        let film = self.controls.film * state.wetness;
+        // Water runs off what is steep: a wall's film is as little as its share of the rain.
+        let film = self.controls.film * state.wetness * normal.z.abs().max(self.controls.walls);
         let mut rays = 0;
         // Film beside puddle: shares of one pixel.
         let mut mirrored = self.film_around((x, y), films, normal);
         if state.puddle > PUDDLE {
-            let standing = self.puddle((place, normal, to_eye), (state.puddle, material.roughness));
-            rays = standing.rays as usize;
+            let half = self.frame.buffer.size[0].div_ceil(2);
+            let shared = films[(y / 2) * half + x / 2].standing;
+            let standing = if shared.rays > 0 && self.footprint(place, normal, to_eye) > SHARED_M {
+                shared
+            } else {
+                let own = self.puddle((place, normal, to_eye), (state.puddle, material.roughness));
+                rays = own.rays as usize;
+                own
+            };
             let share = state.puddle;
             let film_share = film * (1.0 - share) / (film * (1.0 - share) + share).max(1e-6);
             mirrored.fresnel = standing.fresnel + film_share * (mirrored.fresnel - standing.fresnel);
@@ -554,9 +579,7 @@ impl Task<'_> {
         (share, roughness): (f32, f32),
     ) -> Mirrored {
         let world = self.view.eye + self.view.to_world(place).as_dvec3();
-        let facing = normal.dot(self.view.to_world(to_eye)).max(0.05);
-        // A pixel covers more of the ground along the view than across.
-        let footprint = self.view.pixel_m(place.z) / facing.sqrt();
+        let footprint = self.footprint(place, normal, to_eye);
         let ripples = self.water.slope(world.truncate(), footprint, &self.lookup);
         let factor = self.controls.ripples;
         let water = normal_of(ripples.mean.map(|slope| slope * factor));

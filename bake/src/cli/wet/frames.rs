@@ -179,7 +179,7 @@ impl Sequence {
         mut self,
         (renderer, settings): (&mut WetRenderer, &WetSettings),
         reading: &Reading,
-        asset: &[u8],
+        (asset, maps): (&[u8], &WetMaps),
         bars: &Bars,
     ) -> anyhow::Result<Made> {
         let (mut made, mut shared) = (Made::default(), None);
@@ -204,7 +204,7 @@ impl Sequence {
             let step = &self.steps[number];
             let result = self.frame(
                 (step, &flux, &said),
-                (renderer, settings, reading, asset),
+                (renderer, settings, reading, (asset, maps)),
                 (&mut taken, &mut shared, &mut made),
             );
             match result {
@@ -237,7 +237,12 @@ impl Sequence {
     fn frame(
         &self,
         (step, flux, said): (&Step, &[DropFlux], &str),
-        (renderer, settings, reading, asset): (&mut WetRenderer, &WetSettings, &Reading, &[u8]),
+        (renderer, settings, reading, (asset, maps)): (
+            &mut WetRenderer,
+            &WetSettings,
+            &Reading,
+            (&[u8], &WetMaps),
+        ),
         (taken, shared, made): (&mut Option<(PathBuf, TakenBuffer)>, &mut Option<Shared>, &mut Made),
     ) -> anyhow::Result<()> {
         let input = picture_file(&step.input)?;
@@ -262,11 +267,10 @@ impl Sequence {
             made.kept += 1;
             return Ok(());
         }
-        let maps = WetMaps::default();
         let frame = WetFrame {
             buffer: &buffers.buffer,
             camera: &buffers.camera,
-            maps: &maps,
+            maps,
             light: &all.light,
             rate_mm_per_h: self.rate,
             flux,
@@ -289,7 +293,7 @@ impl Sequence {
         let picture = Picture { width, height, pixels: taken.buffer.colour.clone() };
         let light = match &self.environment {
             Some(path) => read_light_probe(path)?.0,
-            None => WorldLight::estimate(&picture, &taken.camera),
+            None => WorldLight::estimate(&without_lamps(&picture), &taken.camera),
         };
         let tone = match self.tone {
             // An asset's view knows the unit of its own pictures alone.
@@ -298,6 +302,20 @@ impl Sequence {
         };
         Ok(Shared { light, tone: tone.brighter(self.stops) })
     }
+}
+
+/// A picture whose brightest fiftieth counts as bright as the dimmest of it: lamps light what is near them, not the whole world.
+fn without_lamps(picture: &Picture) -> Picture {
+    let sum = |pixel: &[f32; 3]| pixel.iter().map(|band| band.max(0.0)).sum::<f32>();
+    let mut all: Vec<f32> = picture.pixels.iter().map(sum).collect();
+    let at = all.len() - 1 - all.len() / 50;
+    let (_, most, _) = all.select_nth_unstable_by(at, f32::total_cmp);
+    let most = *most;
+    let cut = |pixel: &[f32; 3]| {
+        let scale = if sum(pixel) > most { most / sum(pixel) } else { 1.0 };
+        pixel.map(|band| band * scale)
+    };
+    Picture { pixels: picture.pixels.iter().map(cut).collect(), ..*picture }
 }
 
 fn numbered((at, file): (usize, FrameFile)) -> (PathBuf, Option<u64>) {
