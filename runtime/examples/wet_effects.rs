@@ -3,7 +3,7 @@
 //! Concept: an effect is told of a frame by [`WetFrame`](squall_runtime::wet::frame::WetFrame): the renderer's buffers, what was baked of the
 //! scene, the rain. It draws a [`Layer`], which lies over the frame. The same time gives the same picture.
 //!
-//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--view street|ground|ledge|car] [--size WxH]`
+//! Usage: `cargo run --release --example wet_effects -- [FOLDER] [EFFECT…] [--rate MM_PER_H] [--view street|ground|ledge|car|wall] [--size WxH]`
 
 #[path = "shared/street.rs"]
 mod street;
@@ -13,7 +13,9 @@ use squall_runtime::glam::DVec3;
 use squall_runtime::wet::drip::{DripControls, Drips};
 use squall_runtime::wet::drop::{DropControls, Drops};
 use squall_runtime::wet::frame::{Layer, WetFrame};
+use squall_runtime::wet::glass::{Glass, GlassSettings, GlassShadows, Pane, PaneLight, ShadowControls};
 use squall_runtime::wet::halo::{HaloControls, Halos};
+use squall_runtime::wet::layers::{LayerControls, Layers};
 use squall_runtime::wet::splash::{SplashControls, Splashes};
 use squall_runtime::wet::splatter::{SplatterControls, Splatters};
 use std::error::Error;
@@ -40,8 +42,36 @@ fn effects() -> Vec<(&'static str, Draw)> {
         effect!("drips", Drips::new(), DripControls::default()),
         effect!("drops", Drops::new(), DropControls::default()),
         effect!("halos", Halos::new(), HaloControls::default()),
+        effect!("layers", Layers::new(1), LayerControls::default()),
         effect!("splatters", Splatters::new(), SplatterControls::default()),
+        ("shadows", shadows()),
     ]
+}
+
+/// A wet pane before the street's wall, and what a lamp shines through it.
+fn shadows() -> Draw {
+    let mut glass =
+        Glass::new(GlassSettings { cells: [300, 300], spacing_m: 1e-3, ..GlassSettings::default() })
+            .expect("a pane of usual glass");
+    for _ in 0..20 {
+        glass.rain(3.2e-3, 60.0, 1.0).and_then(|_| glass.advance(0.1)).expect("a shower");
+    }
+    let pane = Pane {
+        corner_m: DVec3::new(0.85, 8.985, 1.5),
+        across_m: DVec3::new(0.3, 0.0, 0.0),
+        down_m: DVec3::new(0.0, 0.0, -0.3),
+    };
+    let lamp = PaneLight::Lamp(DVec3::new(-5.5, 3.0, 4.2));
+    let mut shadows = GlassShadows::new();
+    Box::new(move |frame, out| {
+        let report = shadows.draw(
+            (&glass, &pane, &lamp),
+            frame,
+            &ShadowControls { far_m: 0.2, ..ShadowControls::default() },
+            out,
+        )?;
+        Ok(format!("{report:?}"))
+    })
 }
 
 /// Nanoseconds that this thread has had a processor for, where the system says so.
@@ -53,8 +83,8 @@ fn processor_ns() -> f64 {
 /// Saves light as it would look to a camera.
 fn save(path: &Path, size: [usize; 2], light: &[[f32; 3]]) -> std::io::Result<()> {
     let byte = |value: f32| {
-        let shown = 1.0 - (-2.4 * value.max(0.0)).exp();
-        (255.0 * shown.powf(1.0 / 2.2) + 0.5) as u8
+        let shown = 1.0 - libm::expf(-2.4 * value.max(0.0));
+        (255.0 * libm::powf(shown, 1.0 / 2.2) + 0.5) as u8
     };
     let mut bytes = format!("P6\n{} {}\n255\n", size[0], size[1]).into_bytes();
     bytes.extend(light.iter().flatten().map(|&value| byte(value)));
@@ -84,7 +114,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         "ground" => (DVec3::new(3.9, 4.6, 0.55), DVec3::new(3.3, 6.2, 0.2)),
         "ledge" => (DVec3::new(-0.6, 6.4, 2.2), DVec3::new(-1.5, 7.8, 2.2)),
         "car" => (DVec3::new(-0.2, 3.4, 1.25), DVec3::new(1.9, 6.2, 0.95)),
-        _ => return Err("--view wants street, ground, ledge or car".into()),
+        "wall" => (DVec3::new(0.9, 8.55, 1.33), DVec3::new(1.02, 9.0, 1.34)),
+        _ => return Err("--view wants street, ground, ledge, car or wall".into()),
     };
     let street = Street::new(eye, target, size, rate)?;
     let frame = street.frame(1.234);

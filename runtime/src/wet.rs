@@ -12,6 +12,7 @@
 //! | [`splash`] | splashes where drops hit what a frame shows |
 //! | [`splatter`] | rings that drops leave on surfaces near the camera |
 //! | [`halo`] | mist at silhouettes |
+//! | [`layers`] | rainfall as layers over the picture, the paper's baseline |
 //! | [`drip`] | drops that drip from edges |
 //! | [`drop`] | how drops look, shared by all that draws them; rain close to the lens |
 //! | [`draw`] | every effect in its turn over a renderer's buffers |
@@ -31,6 +32,7 @@ pub mod frame;
 pub mod glass;
 pub mod glow;
 pub mod halo;
+pub mod layers;
 pub mod maps;
 pub mod material;
 pub mod puddle;

@@ -38,11 +38,11 @@ pub struct Street {
 
 /// Drops that come down, by Marshall and Palmer with Atlas' speeds, in classes of a quarter of a millimetre.
 pub fn rain(rate_mm_per_h: f64) -> Vec<DropFlux> {
-    let (width, slope) = (0.25, 4.1 * rate_mm_per_h.powf(-0.21));
+    let (width, slope) = (0.25, 4.1 * libm::pow(rate_mm_per_h, -0.21));
     let class = |k: usize| {
         let diameter_mm = (k as f64 + 1.5) * width;
-        let speed = 9.65 - 10.3 * (-0.6 * diameter_mm).exp();
-        let number = 8000.0 * (-slope * diameter_mm).exp() * width;
+        let speed = 9.65 - 10.3 * libm::exp(-0.6 * diameter_mm);
+        let number = 8000.0 * libm::exp(-slope * diameter_mm) * width;
         DropFlux { diameter_m: diameter_mm * 1e-3, speed_m_per_s: speed, impacts_per_m2_s: number * speed }
     };
     (0..22).map(class).collect()
@@ -139,7 +139,7 @@ fn look(origin: DVec3, direction: DVec3) -> Seen {
         if normal.z > 0.5 && at.z < 0.01 && origin.z > 0.1 {
             let mirror = look(at + DVec3::Z * 1e-4, direction * DVec3::new(1.0, 1.0, -1.0));
             let cosine = (-direction.z) as f32;
-            let share = 0.02 + 0.98 * (1.0 - cosine).powi(5);
+            let share = 0.02 + 0.98 * libm::powf(1.0 - cosine, 5.0);
             seen.colour += share * 0.7 * mirror.colour;
         }
     }

@@ -19,6 +19,7 @@ use super::drop::Drops;
 use super::frame::{GBuffer, Layer, WetFrame};
 use super::glow::{Glow, paper_fog};
 use super::halo::Halos;
+use super::layers::Layers;
 use super::ripples::DropFlux;
 use super::splash::Splashes;
 use super::splatter::Splatters;
@@ -106,6 +107,7 @@ pub struct WetRenderer {
     drips: Drips,
     halos: Halos,
     drops: Drops,
+    rainfall: Layers,
     glow: Glow,
     rain: FrameRain,
     layers: Vec<(Effect, Layer)>,
@@ -138,6 +140,7 @@ impl WetRenderer {
             drips: Drips::new(),
             halos: Halos::new(),
             drops: Drops::new(),
+            rainfall: Layers::new(0),
             glow: Glow::new(),
             rain,
             layers: Vec::new(),
@@ -230,6 +233,7 @@ impl WetRenderer {
                 (report.fins + report.edges) as usize
             }
             Effect::Drops => self.drops.draw(frame, &settings.drops, layer)?.drops as usize,
+            Effect::Layers => self.rainfall.draw(frame, &settings.layers, layer)?.layers as usize,
             Effect::Rain => rain((&mut self.rain, &self.picture), frame, &settings.rain, layer)?.1,
             Effect::Glow => {
                 let lights = wet.unwrap_or(&self.picture);

@@ -17,7 +17,7 @@ pub(crate) use light::glint;
 pub use look::{Opacity, distance_fade, lightning_bias, milky, paper_opacity};
 pub use rain::{DropControls, DropReport, Drops};
 pub use stamp::flatness;
-pub(crate) use stamp::{Paint, Stamp, velocity_blur};
+pub(crate) use stamp::{Paint, Stamp, covered, velocity_blur};
 
 use crate::error::RuntimeError;
 use crate::wet::frame::WetFrame;
@@ -36,10 +36,10 @@ const TIME_MOST: f64 = 1e9;
 pub(crate) fn check(frame: &WetFrame<'_>) -> Result<(), RuntimeError> {
     frame.camera.check()?;
     frame.buffer.check(frame.camera)?;
-    if !(frame.wind.length() <= WIND_MOST) {
+    if !(0.0..=WIND_MOST).contains(&frame.wind.length()) {
         return Err(RuntimeError::argument("wind", format!("up to {WIND_MOST} m/s"), frame.wind));
     }
-    if !(frame.time_s.abs() <= TIME_MOST) {
+    if !(-TIME_MOST..=TIME_MOST).contains(&frame.time_s) {
         return Err(RuntimeError::argument("time_s", format!("-{TIME_MOST} to {TIME_MOST}"), frame.time_s));
     }
     if !(0.0..=1000.0).contains(&frame.rate_mm_per_h) {

@@ -15,11 +15,14 @@
 //! and direction. On the way it leaves the film that a plate drawn out of water keeps, .94 ℓ (ηv/σ)^⅔ thick (\[landau-levich\]), times a
 //! wetting of the glass. Cells that meet become one drop, momentum kept.
 
+mod cast;
 mod cells;
 mod flow;
 mod see;
+mod shadow;
 mod wiper;
 
+pub use cast::{GlassShadows, Pane, PaneLight, ShadowControls, ShadowReport};
 pub use see::Seen;
 pub use wiper::Wiper;
 

@@ -55,7 +55,7 @@ impl Eye {
     /// Where an offset lands; `None` nearer than a hand before the lens, or behind it.
     pub fn see(&self, offset: Vec3) -> Option<Spot> {
         let depth = offset.dot(self.forward);
-        if !(depth > NEAREST) {
+        if depth.is_nan() || depth <= NEAREST {
             return None;
         }
         let near = if self.perspective { 1.0 / depth } else { 1.0 };

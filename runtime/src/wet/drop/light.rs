@@ -194,7 +194,7 @@ impl DropLight<'_> {
         let at = place.truncate();
         let value = |map: &GroundMap| map.between(at).filter(|value| *value > 0.0).unwrap_or(0.0);
         let here = Vec3::new(value(&maps[0]), value(&maps[1]), value(&maps[2]));
-        if !(here.element_sum() > 0.0) {
+        if here.element_sum() <= 0.0 {
             return None;
         }
         // The brightest band alone tells where the lamp is.

@@ -138,7 +138,8 @@ impl Seen<'_> {
         // Steep edges bend as far as light can be bent: the slope's sine, not its tangent, sets the angle.
         let steep = libm::sqrtf(1.0 + slope[0] * slope[0] + slope[1] * slope[1]);
         let bend = (WATER_INDEX as f32 - 1.0) * self.distance * height as f32 / steep;
-        let behind = self.behind_at(x as f32 - bend * slope[0], y as f32 - bend * slope[1]);
+        // Towards where the water is thicker, as a lens bends.
+        let behind = self.behind_at(x as f32 + bend * slope[0], y as f32 + bend * slope[1]);
         let mirrored = fresnel(f64::from(1.0 / steep), WATER_INDEX) as f32;
         behind.lerp(self.front[y * width + x], mirrored)
     }
@@ -155,7 +156,7 @@ impl Seen<'_> {
 }
 
 /// Heights with a margin of one value that repeats the edge.
-fn with_margin(size: [usize; 2], heights: &[f32]) -> Vec<f32> {
+pub(super) fn with_margin(size: [usize; 2], heights: &[f32]) -> Vec<f32> {
     let [width, height] = size;
     let at = |x: usize, y: usize| heights[y.min(height - 1) * width + x.min(width - 1)];
     let lines = 0..height + 2;

@@ -175,6 +175,22 @@ fn a_dry_pane_is_the_picture_behind_it_and_a_drop_is_not() {
 }
 
 #[test]
+fn a_drop_shows_the_world_behind_it_upside_down() {
+    let mut pane = Glass::new(smooth([16, 12])).unwrap();
+    pane.wet([8, 6], 4e-3).unwrap();
+    let front = vec![Vec3::ZERO; 64 * 48];
+    let (across, down): (Vec<Vec3>, Vec<Vec3>) =
+        (0..64 * 48).map(|k| (Vec3::splat((k % 64) as f32), Vec3::splat((k / 64) as f32))).unzip();
+    let mut out = vec![Vec3::ZERO; 64 * 48];
+    for (behind, step) in [(&across, 1), (&down, 64)] {
+        pane.refract(&Seen { size: [64, 48], behind, front: &front, distance: 1.0 }, &mut out).unwrap();
+        // The drop's middle lies at (34, 26); beside it on one side lies what is far on the other.
+        let middle = 26 * 64 + 34;
+        assert!(out[middle - 5 * step].x > out[middle].x && out[middle].x > out[middle + 5 * step].x);
+    }
+}
+
+#[test]
 fn a_drop_shows_its_own_volume() {
     /// Pixels at the rim of a half ball 12 pixels across.
     const RIM: f64 = 0.03;

@@ -326,7 +326,8 @@ impl Column {
             };
             let depth = buffer.depth_m[pixel];
             let here = Vec3::from(buffer.normal[pixel]);
-            if !(depth > 0.0 && depth.is_finite()) || !(0.8..1.2).contains(&here.length_squared()) {
+            let known = depth > 0.0 && depth.is_finite() && (0.8..1.2).contains(&here.length_squared());
+            if !known {
                 return None;
             }
             let side = [pixel % eye.size[0], pixel / eye.size[0]].map(|n| n as f32 + 0.5);
