@@ -61,6 +61,8 @@ mod front_door;
 mod golden;
 #[cfg(test)]
 mod golden_rain;
+#[cfg(test)]
+mod golden_wet;
 #[cfg(all(test, feature = "gpu"))]
 mod gpu_device;
 #[cfg(test)]

@@ -9,7 +9,7 @@ use squall_scene::{Quiet, Read, Scene, SceneError, World};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut words = std::env::args().skip(1);
     let file = words.next().ok_or("wanted a scene: SCENE.glb [PATHS] [CELL_M]")?;
-    let paths = words.next().map_or(Ok(512), |word| word.parse())?;
+    let paths = words.next().map_or(Ok(3072), |word| word.parse())?;
     let cell_m = words.next().map_or(Ok(8.0), |word| word.parse())?;
     let mut alone = |name: &str, _: u64| Err(SceneError::input(name, "nothing beside the scene", "a file"));
     let world = World::new(Scene::read(&std::fs::read(file)?, &mut alone, &Read::default())?);
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let truth = bake_lightning(&world, volume, &many, &Quiet)?;
     let nodes: usize = found.size.iter().product();
     println!(
-        "{nodes} nodes, {paths} paths each: L2 {:.4} of {} paths",
+        "{nodes} nodes, {paths} paths each: irradiance L2 {:.4} of {} paths",
         relative_l2(&found, &truth),
         64 * paths
     );

@@ -38,7 +38,7 @@ pub struct MapSettings {
 impl Default for MapSettings {
     fn default() -> Self {
         let lightning =
-            LightningSettings { directions: Vec::new(), cell_m: 2.0, paths: 512, bounces: 3, seed: 1 };
+            LightningSettings { directions: Vec::new(), cell_m: 2.0, paths: 3072, bounces: 3, seed: 1 };
         Self {
             region_m: None,
             cell_m: 0.1,

@@ -105,7 +105,7 @@ impl SceneFile {
             directions: directions(lightning.directions.as_ref(), source)?,
             lightning_cell_m: number("lightning.cell_m", &lightning.cell_m, 2.0, [0.05, 1e4], "m")?,
             lightning_top_m: number("lightning.top_m", &lightning.top_m, 12.0, [0.1, 1e4], "m")?,
-            paths: count("lightning.paths", &lightning.paths, 512, [16, 1 << 20])?,
+            paths: count("lightning.paths", &lightning.paths, 3072, [16, 1 << 20])?,
             bounces: count("lightning.bounces", &lightning.bounces, 3, [1, 64])?,
             lightning_seed: lightning.seed.unwrap_or(1),
         })

@@ -19,7 +19,7 @@ use squall_runtime::frame::tone_of;
 use squall_runtime::glam::DVec3;
 use squall_runtime::picture::Picture;
 use squall_runtime::tone::Tone;
-use squall_runtime::wet::draw::{EffectReport, WetRenderer, WetSettings, flux_of};
+use squall_runtime::wet::draw::{Effect, EffectReport, WetRenderer, WetSettings, flux_of};
 use squall_runtime::wet::frame::WetFrame;
 use squall_runtime::wet::maps::WetMaps;
 use squall_runtime::wet::ripples::DropFlux;
@@ -79,7 +79,14 @@ pub struct Made {
 struct Shared {
     light: WorldLight,
     tone: Tone,
+    settings: WetSettings,
 }
+
+/// Irradiance of a flash at its brightest, times the exposure, where nobody says another: white ground would show it as 4/π, beyond white, grey ground
+/// as two thirds of it.
+const FLASH_EXPOSED: f32 = 4.0;
+/// Names of controls that say it.
+const FLASHES: [&str; 2] = ["strength", "flash"];
 
 impl Sequence {
     /// Finds the frames and tries their places.
@@ -257,7 +264,7 @@ impl Sequence {
         }
         let Some((_, buffers)) = taken.as_ref() else { return Ok(()) };
         if shared.is_none() {
-            *shared = Some(self.shared(buffers)?);
+            *shared = Some(self.shared(buffers, settings)?);
             made.found.clone_from(&buffers.found);
             made.notes.clone_from(&buffers.notes);
             (made.writer, made.camera_from) = (Some(buffers.writer.name()), Some(buffers.camera_from));
@@ -279,7 +286,7 @@ impl Sequence {
             seed: self.seed,
             lightning: self.lightning,
         };
-        made.effects = renderer.draw(&frame, settings)?.effects;
+        made.effects = renderer.draw(&frame, &all.settings)?.effects;
         let bytes = encode((renderer, &frame), (self.format, self.layers), &all.tone, &mark)?;
         match &self.single {
             Some(place) => place.write_bytes(&bytes),
@@ -287,8 +294,8 @@ impl Sequence {
         }
     }
 
-    /// Light and development of the whole sequence, by its first frame.
-    fn shared(&self, taken: &TakenBuffer) -> Result<Shared, BakeError> {
+    /// Light, development and flashes of the whole sequence, by its first frame.
+    fn shared(&self, taken: &TakenBuffer, given: &WetSettings) -> Result<Shared, BakeError> {
         let [width, height] = taken.buffer.size;
         let picture = Picture { width, height, pixels: taken.buffer.colour.clone() };
         let light = match &self.environment {
@@ -300,7 +307,18 @@ impl Sequence {
             Some((tone, named)) if named || taken.writer == Writer::Squall => tone,
             _ => Tone { exposure: Tone::exposure_for(&picture), ..Tone::default() },
         };
-        Ok(Shared { light, tone: tone.brighter(self.stops) })
+        // A flash is as bright as the frame can show, in whatever unit its light is.
+        let mut settings = given.clone();
+        let most = (FLASH_EXPOSED / tone.exposure).clamp(0.0, 1e6);
+        for effect in Effect::ALL.into_iter().filter(|effect| *effect != Effect::Glow) {
+            for parameter in effect.parameters().iter().filter(|parameter| FLASHES.contains(&parameter.name))
+            {
+                if given.get(effect, parameter.name) == Some(parameter.usual) {
+                    settings.set(effect, parameter.name, most)?;
+                }
+            }
+        }
+        Ok(Shared { light, tone: tone.brighter(self.stops), settings })
     }
 }
 

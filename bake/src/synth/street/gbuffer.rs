@@ -5,7 +5,7 @@ mod lights;
 
 use super::detail::{Look, look};
 use crate::error::BakeError;
-use crate::picture::encode_named_channels;
+use crate::picture::{ChannelValues, encode_seen_layers};
 use crate::progress::Progress;
 use glam::{DVec2, DVec3, Vec3};
 use lights::Lights;
@@ -116,10 +116,11 @@ pub fn render_gbuffer(
     Ok(buffer)
 }
 
-/// Bytes of an OpenEXR file of buffers: R, G, B; Z; N.X, N.Y, N.Z; albedo and emission with .R, .G, .B; roughness.Y; row 0 on top, numbers of 32 bits.
+/// Bytes of an OpenEXR file of buffers: R, G, B; Z; N.X, N.Y, N.Z; albedo and emission with .R, .G, .B; roughness.Y; row 0 on top, numbers of 32 bits; and
+/// of their camera, as the standard's attributes.
 ///
 /// Errors: a picture without pixels.
-pub fn encode_gbuffer(buffer: &GBuffer) -> std::io::Result<Vec<u8>> {
+pub fn encode_gbuffer(buffer: &GBuffer, camera: &Camera) -> std::io::Result<Vec<u8>> {
     let band = |values: &[[f32; 3]], band: usize| values.iter().map(|value| value[band]).collect();
     let mut channels: Vec<(&str, Vec<f32>)> = vec![("Z", buffer.depth_m.clone())];
     let sets: [([&str; 3], Option<&Vec<[f32; 3]>>); 4] = [
@@ -136,7 +137,9 @@ pub fn encode_gbuffer(buffer: &GBuffer) -> std::io::Result<Vec<u8>> {
     if let Some(roughness) = &buffer.roughness {
         channels.push(("roughness.Y", roughness.clone()));
     }
-    encode_named_channels((buffer.size[0], buffer.size[1]), channels, false)
+    let channels =
+        channels.into_iter().map(|(name, values)| (name.to_owned(), ChannelValues::Floats(values)));
+    encode_seen_layers((buffer.size[0], buffer.size[1]), channels.collect(), (None, Some(camera)))
 }
 
 impl Tracer<'_> {
