@@ -152,6 +152,7 @@ mod tests {
     use crate::random::Random;
     use crate::transport::Boundary;
     use glam::DVec3;
+    use squall_formats::GridShape;
 
     fn sparse(shape: GridShape, seed: u64) -> Cloud {
         let mut random = Random::new(seed);
