@@ -18,7 +18,7 @@
 //! | [`halo`] | mist at silhouettes |
 //! | [`layers`] | rainfall as layers over the picture, the paper's baseline |
 //! | [`drip`] | drops that drip from edges |
-//! | [`drop`] | how drops look, shared by all that draws them; rain close to the lens |
+//! | [`mod@drop`] | how drops look, shared by all that draws them; rain close to the lens |
 //! | [`frame`] | a renderer's buffers, what effects are told of a frame, layers over it |
 //! | [`maps`] | what is baked from a scene's meshes |
 //! | [`controls`] | the effects' controls by name, with ranges |
