@@ -229,16 +229,22 @@ impl Brush<'_, '_> {
         let side = sequence::WIDTH * radius * eye.pixels_per_metre(spot.depth);
         let direction = eye.towards(hit.offset);
         let (view, share) = sequence::between_views((-direction.z).max(0.0));
+        // Of a few pixels no one tells two elevations from their mix.
+        let (view, share) = if side < MIXED_PX && share > 0.5 { (view + 1, 0.0) } else { (view, share) };
+        let share = if side < MIXED_PX { 0.0 } else { share };
         let level = libm::roundf(libm::log2f((sequence::SIDE as f32 / side).max(1.0)));
-        let clips =
-            [view, view + 1].map(|view| self.sequence.clip(variant, view, *share_of_life, level as usize));
+        let clips = [view, view + 1].map(|view| {
+            self.sequence.clip(variant, view.min(sequence::VIEWS - 1), *share_of_life, level as usize)
+        });
+        let blur = libm::roundf(0.7 * level);
         let opacity = self.opacity();
         let beams = light.beams_from(hit.place, direction);
         let beams = (beams.0 * controls.back_light, beams.1);
         let ball = light.ball(&spot);
         let up = self.upright();
         let right = Vec2::new(up.y, -up.x);
-        let bounds = [view, view + 1].map(|view| self.sequence.bounds(variant, view, *share_of_life));
+        let bounds = [view, view + 1]
+            .map(|view| self.sequence.bounds(variant, view.min(sequence::VIEWS - 1), *share_of_life));
         let [rows, columns] =
             cover(eye, &spot, [right * flip, up], side, &bounds[..1 + usize::from(share > 0.0)]);
         let nearest = spot.depth - 2.2 * radius;
@@ -260,7 +266,7 @@ impl Brush<'_, '_> {
                 let reflected = fresnel(f64::from(cosine), WATER_INDEX) as f32;
                 let alpha = opacity.of(texel.z * controls.opacity * strength, reflected);
                 let glint = drop::glint(turned, beams.1);
-                let colour = (ball.radiance(turned, 0.7 * level) + beams.0 * glint) * opacity.lightning_bias;
+                let colour = (ball.radiance(turned, blur) + beams.0 * glint) * opacity.lightning_bias;
                 out.over(pixel, (milky(colour, controls.milk) * alpha).into(), alpha);
                 touched += 1;
             }
@@ -269,6 +275,8 @@ impl Brush<'_, '_> {
     }
 }
 
+/// Splashes of fewer pixels show one elevation.
+const MIXED_PX: f32 = 12.0;
 /// Where the place of impact lies in a picture, from its top.
 const BASE: f32 = 1.0 - sequence::BELOW / sequence::WIDTH;
 
