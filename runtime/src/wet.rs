@@ -9,16 +9,16 @@
 //! | [`ripples`] | waves on a lattice, struck by drops at the rain's flux and pushed by moving bodies |
 //! | [`puddle`] | how water's slopes come to an object's normal |
 //! | [`glass`] | drops on a pane: they wait, run, merge and leave a film; wipers; no water is lost |
-//! | [`draw`] | every effect in its turn over a renderer's buffers |
-//! | [`surface`] | wet surfaces: darkened, filmed over, with puddles and ripples; light of lightning on them |
-//! | [`reflect`] | what water mirrors of the frame and of the world |
-//! | [`glow`] | glow around lights by the atmosphere's point spread |
 //! | [`splash`] | splashes where drops hit what a frame shows |
 //! | [`splatter`] | rings that drops leave on surfaces near the camera |
 //! | [`halo`] | mist at silhouettes |
 //! | [`layers`] | rainfall as layers over the picture, the paper's baseline |
 //! | [`drip`] | drops that drip from edges |
 //! | [`mod@drop`] | how drops look, shared by all that draws them; rain close to the lens |
+//! | [`draw`] | every effect in its turn over a renderer's buffers |
+//! | [`surface`] | wet surfaces: darkened, filmed over, with puddles and ripples; light of lightning on them |
+//! | [`reflect`] | what water mirrors of the frame and of the world |
+//! | [`glow`] | glow around lights by the atmosphere's point spread |
 //! | [`frame`] | a renderer's buffers, what effects are told of a frame, layers over it |
 //! | [`maps`] | what is baked from a scene's meshes |
 //! | [`controls`] | the effects' controls by name, with ranges |

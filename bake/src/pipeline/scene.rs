@@ -206,3 +206,6 @@ impl squall_scene::Progress for Told<'_> {
         self.0.interrupted()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -62,8 +62,9 @@ pub(super) struct RowSolver<'a> {
     settings: &'a ResponseSettings,
     fine: &'a Cloud,
     tracer: Tracer<'a>,
-    /// Steps of the solve's cells to cloud.
+    /// Steps of the solve's cells to cloud, and the most of any whose light is stored.
     distances: Vec<u8>,
+    farthest: u8,
     solver: &'a Solver<4>,
     parent: CoarseIndex,
     fit: Option<&'a HatFit>,
@@ -98,13 +99,22 @@ impl<'a> RowSolver<'a> {
             if settings.seen_only { HiddenCells::new(cloud, settings.view_region.as_ref()) } else { None };
         let seen = hidden.as_ref().map(HiddenCells::seen);
         let cache = JobCache::new(job, seen);
+        let steps = distances(fine.shape, fine.extinction.iter().map(|&extinction| extinction > 0.0));
+        let parent = CoarseIndex::new(fine.shape, cells.factors);
         Self {
             settings,
             fine,
             tracer: Tracer::new(fine, solver.scaled().extinction_scale),
-            distances: distances(fine.shape, fine.extinction.iter().map(|&extinction| extinction > 0.0)),
+            farthest: steps
+                .iter()
+                .enumerate()
+                .filter(|(cell, _)| seen.is_none_or(|seen| seen[parent.of(*cell)]))
+                .map(|(_, steps)| *steps)
+                .max()
+                .unwrap_or(0),
+            distances: steps,
             solver,
-            parent: CoarseIndex::new(fine.shape, cells.factors),
+            parent,
             fit: cells.fit.as_ref(),
             haar: Haar::new(cloud.shape),
             cloud,
@@ -163,7 +173,7 @@ impl<'a> RowSolver<'a> {
         work.moments = Some(direct);
     }
 
-    /// [`Self::trace`] through every cell, with what is scattered once towards the stored directions.
+    /// [`Self::trace`] through every cell whose light is stored, with what is scattered once towards the stored directions.
     fn trace_towards<P: Lanes>(&self, lane: usize, lights: &[Light], work: &mut Work<P>) {
         let fits = |field: &DirectField<4>| field.moments.len() == self.fine.shape.len();
         let mut direct = match work.direct.take() {
@@ -171,10 +181,11 @@ impl<'a> RowSolver<'a> {
             _ => DirectField::new(self.fine, &self.directions),
         };
         direct.clear();
+        // Light that is compared with what was stored is followed as far as [`Tracer::trace`] follows it.
+        let near = NearCloud { distances: &self.distances, around: self.farthest, least: 1e-13 };
         for &light in lights {
-            self.tracer.rays(light, self.settings.samples, |ray| {
-                self.tracer.trace(ray, &mut direct);
-            });
+            self.tracer
+                .rays(light, self.settings.samples, |ray| self.tracer.trace_near(ray, &near, &mut direct));
         }
         self.set_lane(lane, &direct.moments, &mut work.sources);
         let share = 1.0 / self.fine.cell_volume() as f32;

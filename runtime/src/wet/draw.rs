@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | 1 | lightning on surfaces | the buffers |
 //! | 2 | wet surfaces | the frame lit by it |
-//! | 3 | splatters, splashes, what drips, mist at silhouettes, drops close to the lens | the wet frame, and what was drawn over it |
-//! | 4 | rain: its medium, which dims by Beer and Lambert's law, and its streaks | the wet frame |
+//! | 3 | splatters, splashes, what drips, mist at silhouettes | the wet frame, and what was drawn over it |
+//! | 4 | rain: its medium, which dims by Beer and Lambert's law, and its streaks; drops close to the lens | the wet frame |
 //! | 5 | glow | the lights of the wet frame, before rain is before them |
 //!
 //! An effect that is off draws nothing, and the others don't know. The same frame, settings and seed give the same picture, whatever was drawn before.
@@ -19,6 +19,7 @@ use super::drop::Drops;
 use super::frame::{GBuffer, Layer, WetFrame};
 use super::glow::{Glow, paper_fog};
 use super::halo::Halos;
+use super::layers::Layers;
 use super::ripples::DropFlux;
 use super::splash::Splashes;
 use super::splatter::Splatters;
@@ -106,6 +107,7 @@ pub struct WetRenderer {
     drips: Drips,
     halos: Halos,
     drops: Drops,
+    rainfall: Layers,
     glow: Glow,
     rain: FrameRain,
     layers: Vec<(Effect, Layer)>,
@@ -138,6 +140,7 @@ impl WetRenderer {
             drips: Drips::new(),
             halos: Halos::new(),
             drops: Drops::new(),
+            rainfall: Layers::new(0),
             glow: Glow::new(),
             rain,
             layers: Vec::new(),
@@ -221,12 +224,16 @@ impl WetRenderer {
             Effect::Surface => self.surface.draw(frame, &settings.surface, layer)?.wet,
             Effect::Splatters => self.splatters.draw(frame, &settings.splatters, layer)?.rings as usize,
             Effect::Splashes => self.splashes.draw(frame, &settings.splashes, layer)?.splashes as usize,
-            Effect::Drips => self.drips.draw(frame, &settings.drips, layer)?.falling as usize,
+            Effect::Drips => {
+                let report = self.drips.draw(frame, &settings.drips, layer)?;
+                (report.falling + report.hanging) as usize
+            }
             Effect::Halos => {
                 let report = self.halos.draw(frame, &settings.halos, layer)?;
                 (report.fins + report.edges) as usize
             }
             Effect::Drops => self.drops.draw(frame, &settings.drops, layer)?.drops as usize,
+            Effect::Layers => self.rainfall.draw(frame, &settings.layers, layer)?.layers as usize,
             Effect::Rain => rain((&mut self.rain, &self.picture), frame, &settings.rain, layer)?.1,
             Effect::Glow => {
                 let lights = wet.unwrap_or(&self.picture);

@@ -290,8 +290,8 @@ impl Surface {
         if controls.paper_streaks > 0.5 {
             task.smear(&mut self.films, &mut self.smear);
         }
-        let rays =
-            task.lay(&self.films, out) + self.films.iter().map(|film| film.rays as usize).sum::<usize>();
+        let rays = task.lay(&self.films, out)
+            + self.films.iter().map(|film| (film.rays + film.standing.rays) as usize).sum::<usize>();
         self.world = Some((frame.light.clone(), world));
         Ok(SurfaceReport { wet, puddles, rays })
     }
@@ -404,48 +404,50 @@ impl Task<'_> {
         films.resize(half[0] * half[1], Film::default());
         let row = |(row, films): (usize, &mut [Film])| {
             for (column, film) in films.iter_mut().enumerate() {
-                // Of its four pixels the first that is wet.
+                // Of its four pixels the one with least water shows the film, the one with most the water.
                 let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| (2 * column + x, 2 * row + y));
-                let wet = four.into_iter().find(|&(x, y)| {
-                    x < width && y < height && {
-                        let state = self.states[y * width + x];
-                        state.wetness > 0.0
-                    }
-                });
-                if let Some((x, y)) = wet {
-                    *film = self.film(x, y);
+                let wet = || four.into_iter().filter(|&(x, y)| x < width && y < height);
+                let wet = || wet().filter(|&(x, y)| self.states[y * width + x].wetness > 0.0);
+                let puddle = |(x, y): &(usize, usize)| self.states[y * width + x].puddle;
+                let ends = (
+                    wet().min_by(|a, b| puddle(a).total_cmp(&puddle(b))),
+                    wet().max_by(|a, b| puddle(a).total_cmp(&puddle(b))),
+                );
+                if let (Some(least), Some(most)) = ends {
+                    *film = self.film(least, most);
                 }
             }
         };
         films.par_chunks_mut(half[0]).enumerate().for_each(row);
     }
 
-    fn film(&self, x: usize, y: usize) -> Film {
+    /// What the film mirrors in one pixel, and standing water in another, where that is far away.
+    fn film(&self, (x, y): (usize, usize), most: (usize, usize)) -> Film {
         let buffer = self.frame.buffer;
-        let at = y * buffer.size[0] + x;
-        let Some(normal) = buffer.unit_normal(at) else { return Film::default() };
-        let depth = buffer.depth_m[at];
-        let place = self.view.place(x, y, depth);
-        let to_eye = self.view.to_eye(place);
-        let seen = self.view.from_world(normal);
-        let slope = if self.controls.paper_streaks > 0.5 {
-            0.0
-        } else {
-            self.film_slope(self.material(at).roughness)
+        let width = buffer.size[0];
+        let geometry = |(x, y): (usize, usize)| {
+            let at = y * width + x;
+            let place = self.view.place(x, y, buffer.depth_m[at]);
+            (at, place, buffer.unit_normal(at).unwrap_or(Vec3::Z), self.view.to_eye(place))
         };
+        let (at, place, normal, to_eye) = geometry(most);
         let puddle = self.states[at].puddle;
         let shares = puddle > PUDDLE && self.footprint(place, normal, to_eye) > SHARED_M;
-        let roughness = self.material(at).roughness;
-        let standing = if shares {
-            self.puddle((place, normal, to_eye), (puddle, roughness))
+        let standing = match shares {
+            true => self.puddle((place, normal, to_eye), (puddle, self.material(at).roughness)),
+            false => Mirrored::default(),
+        };
+        let (at, place, normal, to_eye) = geometry((x, y));
+        let film = if self.states[at].puddle < 1.0 {
+            let is_paper = self.controls.paper_streaks > 0.5;
+            let slope = if is_paper { 0.0 } else { self.film_slope(self.material(at).roughness) };
+            self.mirror.fan((place, self.view.from_world(normal), to_eye), slope, self.fresnel)
         } else {
+            // Under deep water there is no film.
             Mirrored::default()
         };
-        // Under deep water there is no film.
-        let film =
-            if puddle < 1.0 { self.mirror.fan((place, seen, to_eye), slope, self.fresnel) } else { standing };
         let Mirrored { light, fresnel, rays } = film;
-        Film { standing, light, fresnel, normal, depth, rays: rays.max(1) }
+        Film { standing, light, fresnel, normal, depth: buffer.depth_m[at], rays }
     }
 
     /// How much of the ground a pixel covers, m: more along the view than across.

@@ -100,10 +100,11 @@ fn asphalt(place: DVec3, own: Look, fine: impl Fn(f64) -> f64) -> Look {
         (track(1.15) + track(2.75)).min(1.0) * (0.75 + 0.3 * noise(DVec3::new(place.x * 0.2, 0.0, 0.0), 71));
     // Cracks where a noise passes through zero.
     let path = rough(DVec3::new(place.x, place.y, 0.0) * 0.7, 3, 73);
-    let crack = (1.0 - path.abs() / 0.006).clamp(0.0, 1.0) * fine(0.02);
+    let broken = (3.0 * noise(DVec3::new(place.x, place.y, 0.0) * 0.23, 75) - 0.6).clamp(0.0, 1.0);
+    let crack = broken * (1.0 - path.abs() / 0.005).clamp(0.0, 1.0) * fine(0.02);
     let oil = (1.0 - place.y.abs().min((place.y.abs() - 1.95).abs()) / 0.35).clamp(0.0, 1.0) * 0.18;
     let tone =
-        (1.0 + 0.3 * patches - 0.22 * worn - oil) * (1.0 + 0.75 * stone * fine(0.012)) * (1.0 - 0.75 * crack);
+        (1.0 + 0.3 * patches - 0.22 * worn - oil) * (1.0 + 0.75 * stone * fine(0.012)) * (1.0 - 0.5 * crack);
     let tilt = |seed: u64| unit(&[seed, key[0], key[1]]) - 0.5;
     let lean = DVec3::new(tilt(79), tilt(83), 0.0) * (0.5 * fine(0.012) * (1.0 - 0.6 * worn));
     Look {

@@ -55,6 +55,10 @@ struct Sample {
     rest: [f32; 3],
     albedo: [f32; 3],
     emission: [f32; 3],
+    /// What irradiance is multiplied by: the albedo, or behind glass that of what is there.
+    tint: [f32; 3],
+    /// Whether what `tint` stands for lies behind glass, where no water darkens it.
+    glazed: f32,
 }
 
 /// What a pixel shows in its middle.
@@ -98,17 +102,17 @@ pub fn render_gbuffer(
         normal: pixels.iter().map(|(_, middle)| middle.normal.to_array()).collect(),
         albedo: Some(pixels.iter().map(|(sample, _)| sample.albedo).collect()),
         roughness: Some(pixels.iter().map(|(_, middle)| middle.roughness).collect()),
-        emission: Some(pixels.iter().map(|(sample, _)| sample.emission).collect()),
         ..GBuffer::default()
     };
     let noisy: Vec<[f32; 3]> = pixels.iter().map(|(sample, _)| sample.rest).collect();
     let calm = filter::smoothed(&buffer, camera, noisy);
-    let colour = pixels.iter().zip(calm).map(|((sample, _), rest)| {
-        std::array::from_fn(|band| {
-            sample.straight[band] + sample.albedo[band] / PI * (sample.lamps[band] + rest[band])
-        })
-    });
-    buffer.colour = colour.collect();
+    let mut emission = Vec::with_capacity(pixels.len());
+    for ((sample, _), rest) in pixels.iter().zip(calm) {
+        let diffuse = |band: usize| sample.tint[band] / PI * (sample.lamps[band] + rest[band]);
+        buffer.colour.push(std::array::from_fn(|band| sample.straight[band] + diffuse(band)));
+        emission.push(std::array::from_fn(|band| sample.emission[band] + sample.glazed * diffuse(band)));
+    }
+    buffer.emission = Some(emission);
     Ok(buffer)
 }
 
@@ -155,12 +159,12 @@ impl Tracer<'_> {
                 (&mut mean.rest, sample.rest),
                 (&mut mean.albedo, sample.albedo),
                 (&mut mean.emission, sample.emission),
+                (&mut mean.tint, sample.tint),
             ];
             for (sum, value) in sets {
-                for band in 0..3 {
-                    sum[band] += share * value[band];
-                }
+                add(sum, value, share);
             }
+            mean.glazed += share * sample.glazed;
         }
         (mean, self.middle(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5)))
     }
@@ -219,6 +223,7 @@ impl Tracer<'_> {
                 let mirrored = fresnel(PLAIN_REFLECTION, -look.normal.dot(ray.direction));
                 let out = ray.direction - 2.0 * ray.direction.dot(look.normal) * look.normal;
                 let light = self.along(Ray { origin: place, direction: out }, random);
+                let light = light.map(|band| band.min(2.0 * BRIGHTEST));
                 add(&mut sample.straight, light, share * 2.0 * mirrored);
                 share *= 1.0 - 2.0 * mirrored.min(0.5);
                 let behind = World::off(ray.origin + ray.direction * hit.distance, -look.normal);
@@ -228,13 +233,14 @@ impl Tracer<'_> {
             }
             let shown = self.surface(&ray, place, &look, (material.metal, material.emission), random);
             if glazed {
-                let mut whole = shown.straight;
-                for band in 0..3 {
-                    whole[band] += shown.albedo[band] / PI * (shown.lamps[band] + shown.rest[band]);
-                }
-                add(&mut sample.straight, whole, share);
-                add(&mut sample.emission, whole, share);
+                // Behind glass a mirror's glint is a speck.
+                let glint = |band: usize| (shown.straight[band] - shown.emission[band]).min(BRIGHTEST * 0.1);
+                let straight = std::array::from_fn(|band| shown.emission[band] + glint(band));
+                add(&mut sample.straight, straight, share);
+                add(&mut sample.emission, straight, share);
                 sample.albedo = [0.03; 3];
+                (sample.tint, sample.glazed) = (shown.albedo.map(|band| band * share), 1.0);
+                (sample.lamps, sample.rest) = (shown.lamps, shown.rest);
                 return sample;
             }
             return shown;
@@ -252,7 +258,7 @@ impl Tracer<'_> {
         random: &mut Random,
     ) -> Sample {
         let albedo = look.base.map(|band| band * (1.0 - metal));
-        let mut sample = Sample { straight: emission, emission, albedo, ..Sample::default() };
+        let mut sample = Sample { straight: emission, emission, albedo, tint: albedo, ..Sample::default() };
         if look.roughness < ROUGHEST_MIRROR {
             let light = self.mirrored(ray, place, look, metal, random);
             add(&mut sample.straight, light, 1.0);
@@ -280,6 +286,9 @@ impl Tracer<'_> {
             return [0.0; 3];
         }
         let light = self.along(Ray { origin: place, direction: out }, random);
+        // What a rough facet throws far aside is a speck, too.
+        let most = if look.roughness > 0.2 { BRIGHTEST } else { f32::INFINITY };
+        let light = light.map(|band| band.min(most));
         let cosine = -facet.dot(ray.direction);
         std::array::from_fn(|band| {
             let straight = PLAIN_REFLECTION + metal * (look.base[band] - PLAIN_REFLECTION);
@@ -309,7 +318,8 @@ impl Tracer<'_> {
         let place = World::off(ray.origin + ray.direction * hit.distance, normal);
         let albedo = self.world.scene().base(hit.triangle as usize);
         let mut falls = self.by_lamps(place, normal);
-        add(&mut falls, self.lights.sampled(self.world, place, normal, random), 1.0);
+        let others = self.lights.sampled(self.world, place, normal, random);
+        add(&mut falls, others.map(|band| band.min(BRIGHTEST)), 1.0);
         if bounces > 1 {
             let pair = [random.unit() as f32, random.unit() as f32];
             let next = Ray { origin: place, direction: around(normal, pair) };

@@ -5,10 +5,10 @@ use glam::{DMat3, DVec3};
 use squall_scene::write::Part;
 use std::collections::BTreeMap;
 
-/// Faces by material.
+/// Faces by material, flat ones apart from those with normals of their own.
 #[derive(Clone, Debug, Default)]
 pub struct Shape {
-    faces: BTreeMap<Stuff, Faces>,
+    faces: BTreeMap<(Stuff, bool), Faces>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -16,6 +16,8 @@ struct Faces {
     places: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     corners: Vec<[u32; 3]>,
+    /// Places of flat faces that are there already: a face finds its normal from them all the same.
+    known: BTreeMap<[u32; 3], u32>,
 }
 
 impl Shape {
@@ -25,7 +27,7 @@ impl Shape {
 
     /// What goes into a file: first the faces without normals of their own, then those with.
     pub fn parts(&self, palette: &Palette) -> Vec<Part> {
-        let part = |(stuff, faces): (&Stuff, &Faces)| Part {
+        let part = |((stuff, _), faces): (&(Stuff, bool), &Faces)| Part {
             places: faces.places.clone(),
             normals: faces.normals.clone(),
             corners: faces.corners.clone(),
@@ -35,10 +37,18 @@ impl Shape {
     }
 
     fn push(&mut self, stuff: Stuff, places: &[DVec3], corners: &[[u32; 3]]) {
-        let faces = self.faces.entry(stuff).or_default();
-        let first = faces.places.len() as u32;
-        faces.places.extend(places.iter().map(|place| place.as_vec3().to_array()));
-        faces.corners.extend(corners.iter().map(|corners| corners.map(|corner| corner + first)));
+        let faces = self.faces.entry((stuff, false)).or_default();
+        let numbers: Vec<u32> = places
+            .iter()
+            .map(|place| {
+                let place = place.as_vec3().to_array();
+                *faces.known.entry(place.map(f32::to_bits)).or_insert_with(|| {
+                    faces.places.push(place);
+                    faces.places.len() as u32 - 1
+                })
+            })
+            .collect();
+        faces.corners.extend(corners.iter().map(|corners| corners.map(|corner| numbers[corner as usize])));
     }
 
     /// A quadrilateral, counter-clockwise from its front.
@@ -138,7 +148,7 @@ impl Shape {
                 let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(dx, dy)| {
                     let (column, row) = (column + dx, row + dy);
                     *known.entry((stuff, row * columns + column)).or_insert_with(|| {
-                        let faces = self.faces.entry(stuff).or_default();
+                        let faces = self.faces.entry((stuff, smooth)).or_default();
                         faces.places.push(at(column, row).as_vec3().to_array());
                         if smooth {
                             faces.normals.push(normal(column, row));
@@ -146,7 +156,7 @@ impl Shape {
                         faces.places.len() as u32 - 1
                     })
                 });
-                let faces = self.faces.entry(stuff).or_default();
+                let faces = self.faces.entry((stuff, smooth)).or_default();
                 let [a, b, c, d] = corners;
                 faces.corners.extend([[a, b, c], [a, c, d]]);
             }

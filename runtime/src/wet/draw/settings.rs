@@ -6,6 +6,7 @@ use crate::wet::drip::DripControls;
 use crate::wet::drop::DropControls;
 use crate::wet::glow::GlowControls;
 use crate::wet::halo::HaloControls;
+use crate::wet::layers::LayerControls;
 use crate::wet::splash::SplashControls;
 use crate::wet::splatter::SplatterControls;
 use crate::wet::surface::SurfaceControls;
@@ -73,7 +74,7 @@ macro_rules! effects {
         impl Default for WetSettings {
             /// Every effect but drops close to the lens, with its usual controls.
             fn default() -> Self {
-                Self { off: vec![Effect::Drops], $($field: $controls::default(),)+ }
+                Self { off: vec![Effect::Drops, Effect::Layers], $($field: $controls::default(),)+ }
             }
         }
 
@@ -98,18 +99,20 @@ effects! {
     Lightning, "lightning", lightning: LightningControls, "6.1";
     /// Wet surfaces: darkened, filmed over, with puddles, ripples and what they mirror.
     Surface, "surface", surface: SurfaceControls, "4, 6.3";
-    /// Rings that drops leave on surfaces near the camera.
+    /// Splatters: rings that drops leave on surfaces near the camera.
     Splatters, "splatters", splatters: SplatterControls, "3.4";
-    /// Splashes where drops hit what the frame shows.
+    /// Splashes where drops hit.
     Splashes, "splashes", splashes: SplashControls, "3.3";
-    /// Drops that drip from edges; an asset's scene tells where.
+    /// Drops that drip from edges.
     Drips, "drips", drips: DripControls, "3.2";
     /// Mist at silhouettes.
     Halos, "halos", halos: HaloControls, "3.4";
-    /// Drops close to the lens with the world in them; off unless it is asked for, as the rain's streaks show some of the same drops.
-    Drops, "drops", drops: DropControls, "3.1";
     /// Rain before the frame: streaks and distance.
     Rain, "rain", rain: RainControls, "3.1, 6.2";
+    /// Drops close to the lens, each for itself; off unless it is asked for, as the rain's streaks show some of the same drops.
+    Drops, "drops", drops: DropControls, "3.1";
+    /// Rainfall as layers over the picture, the paper's, in place of rain that stands in the world; off unless it is asked for.
+    Layers, "layers", layers: LayerControls, "3.1";
     /// Glow around lights.
     Glow, "glow", glow: GlowControls, "6.2";
 }
@@ -122,7 +125,7 @@ impl Effect {
 
     /// Whether it belongs to the scene, so that what comes later looks at it.
     pub(super) fn is_before_the_rain(self) -> bool {
-        !matches!(self, Self::Rain | Self::Glow)
+        !matches!(self, Self::Rain | Self::Drops | Self::Layers | Self::Glow)
     }
 }
 

@@ -4,7 +4,7 @@ use super::view::View;
 use glam::{Vec2, Vec3};
 
 /// Steps of a ray at most.
-const STEPS: usize = 24;
+const STEPS: usize = 18;
 /// Halvings that find where a step crossed something.
 const HALVINGS: usize = 5;
 /// Depth of the plane before the eye at which rays towards it end, m.
