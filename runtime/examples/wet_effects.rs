@@ -38,13 +38,13 @@ macro_rules! effect {
 /// Every effect.
 fn effects() -> Vec<(&'static str, Draw)> {
     vec![
+        ("shadows", shadows()),
+        effect!("splatters", Splatters::new(), SplatterControls::default()),
         effect!("splashes", Splashes::new(), SplashControls::default()),
+        effect!("halos", Halos::new(), HaloControls::default()),
         effect!("drips", Drips::new(), DripControls::default()),
         effect!("drops", Drops::new(), DropControls::default()),
-        effect!("halos", Halos::new(), HaloControls::default()),
         effect!("layers", Layers::new(1), LayerControls::default()),
-        effect!("splatters", Splatters::new(), SplatterControls::default()),
-        ("shadows", shadows()),
     ]
 }
 
@@ -121,6 +121,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let frame = street.frame(1.234);
     let mut layer = Layer::default();
     save(&Path::new(&folder).join("frame.ppm"), street.buffer.size, &street.buffer.colour)?;
+    let mut all = street.buffer.colour.clone();
     for (name, mut draw) in effects() {
         if !only.is_empty() && !only.iter().any(|wanted| wanted == name) {
             continue;
@@ -137,7 +138,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut picture = street.buffer.colour.clone();
         layer.onto(&mut picture)?;
         save(&Path::new(&folder).join(format!("{name}.ppm")), street.buffer.size, &picture)?;
+        // Layers are another way to draw what drops are.
+        if name != "layers" {
+            layer.onto(&mut all)?;
+        }
         println!("{name:10} {best:7.1} ms  {report}");
     }
+    save(&Path::new(&folder).join("all.ppm"), street.buffer.size, &all)?;
     Ok(())
 }

@@ -14,7 +14,7 @@
 //! | [`halo`] | mist at silhouettes |
 //! | [`layers`] | rainfall as layers over the picture, the paper's baseline |
 //! | [`drip`] | drops that drip from edges |
-//! | [`drop`] | how drops look, shared by all that draws them; rain close to the lens |
+//! | [`mod@drop`] | how drops look, shared by all that draws them; rain close to the lens |
 //! | [`draw`] | every effect in its turn over a renderer's buffers |
 //! | [`surface`] | wet surfaces: darkened, filmed over, with puddles and ripples; light of lightning on them |
 //! | [`reflect`] | what water mirrors of the frame and of the world |

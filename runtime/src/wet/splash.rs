@@ -9,6 +9,7 @@
 //! Where a splash covers a few pixels it is drawn, from a synthesised sequence with a flip, a size and an opacity of its own. Farther away splashes
 //! are the mean of what would be drawn: each class gives way to its own mean over an octave of distance, so that nothing pops and no light is lost.
 
+mod haze;
 pub(crate) mod hits;
 pub(crate) mod impact;
 mod sequence;
@@ -22,7 +23,7 @@ use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
 use crate::wet::drop::{self, Opacity, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::material::{WATER_INDEX, fresnel};
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use hits::{Class, Columns, Fall, Hit};
 use sequence::Sequence;
 
@@ -228,16 +229,22 @@ impl Brush<'_, '_> {
         let side = sequence::WIDTH * radius * eye.pixels_per_metre(spot.depth);
         let direction = eye.towards(hit.offset);
         let (view, share) = sequence::between_views((-direction.z).max(0.0));
+        // Of a few pixels no one tells two elevations from their mix.
+        let (view, share) = if side < MIXED_PX && share > 0.5 { (view + 1, 0.0) } else { (view, share) };
+        let share = if side < MIXED_PX { 0.0 } else { share };
         let level = libm::roundf(libm::log2f((sequence::SIDE as f32 / side).max(1.0)));
-        let clips =
-            [view, view + 1].map(|view| self.sequence.clip(variant, view, *share_of_life, level as usize));
+        let clips = [view, view + 1].map(|view| {
+            self.sequence.clip(variant, view.min(sequence::VIEWS - 1), *share_of_life, level as usize)
+        });
+        let blur = libm::roundf(0.7 * level);
         let opacity = self.opacity();
         let beams = light.beams_from(hit.place, direction);
         let beams = (beams.0 * controls.back_light, beams.1);
         let ball = light.ball(&spot);
         let up = self.upright();
         let right = Vec2::new(up.y, -up.x);
-        let bounds = [view, view + 1].map(|view| self.sequence.bounds(variant, view, *share_of_life));
+        let bounds = [view, view + 1]
+            .map(|view| self.sequence.bounds(variant, view.min(sequence::VIEWS - 1), *share_of_life));
         let [rows, columns] =
             cover(eye, &spot, [right * flip, up], side, &bounds[..1 + usize::from(share > 0.0)]);
         let nearest = spot.depth - 2.2 * radius;
@@ -259,92 +266,17 @@ impl Brush<'_, '_> {
                 let reflected = fresnel(f64::from(cosine), WATER_INDEX) as f32;
                 let alpha = opacity.of(texel.z * controls.opacity * strength, reflected);
                 let glint = drop::glint(turned, beams.1);
-                let colour = (ball.radiance(turned, 0.7 * level) + beams.0 * glint) * opacity.lightning_bias;
+                let colour = (ball.radiance(turned, blur) + beams.0 * glint) * opacity.lightning_bias;
                 out.over(pixel, (milky(colour, controls.milk) * alpha).into(), alpha);
                 touched += 1;
             }
         }
         touched
     }
-
-    /// Optical thickness of splashes that are not drawn one by one, seen straight across, by pixels a metre: a table of octaves' eighths.
-    fn thickness(&self, kinds: &[Kind], sine: f32) -> Vec<f32> {
-        let spread = self.controls.size_spread;
-        let mean = self.sequence.mean(sine) * (1.0 + spread * spread / 3.0);
-        let of = |step: usize| {
-            let per_metre = per_metre_of(step);
-            let kind = |kind: &Kind| {
-                let width = sequence::WIDTH * kind.radius;
-                let alive = self.frame.flux[kind.class].impacts_per_m2_s * kind.life_s;
-                alive as f32
-                    * width
-                    * width
-                    * mean
-                    * (1.0 - drawn(width * per_metre, self.controls.smallest_px))
-            };
-            kinds.iter().map(kind).sum::<f32>()
-        };
-        (0..STEPS).map(of).collect()
-    }
-
-    /// Lays the mean of far splashes over the surfaces that they stand on; returns pixels touched.
-    fn haze(&self, kinds: &[Kind], fall: &Fall<'_>, light: &mut DropLight<'_>, out: &mut Layer) -> u64 {
-        /// Pixels of a row that share their light and shelter.
-        const RUN: usize = 4;
-        let (eye, buffer, controls) = (self.eye, self.frame.buffer, self.controls);
-        let tables = [0.15, 0.6, 0.95].map(|sine| self.thickness(kinds, sine));
-        let opacity = self.opacity();
-        let own = opacity.of(controls.opacity, 0.066) * controls.haze;
-        let speed = mean_speed(self.frame, kinds);
-        let mut touched = 0;
-        for y in 0..eye.size[1] {
-            for begin in (0..eye.size[0]).step_by(RUN) {
-                let mut run: Option<(f32, f32, Vec3)> = None;
-                for x in begin..(begin + RUN).min(eye.size[0]) {
-                    let pixel = y * eye.size[0] + x;
-                    let depth = buffer.depth_m[pixel];
-                    let normal = Vec3::from(buffer.normal[pixel]);
-                    if !(depth > 0.0 && depth.is_finite() && normal.z >= 0.5) {
-                        continue;
-                    }
-                    let per_metre = eye.pixels_per_metre(depth);
-                    let offset = eye.at(x as f32 + 0.5, y as f32 + 0.5, depth);
-                    let direction = eye.towards(offset);
-                    let sine = (-direction.z).max(0.0);
-                    let view = if sine < 0.35 { 0 } else { 1 + usize::from(sine > 0.8) };
-                    let thickness = lookup(&tables[view], per_metre);
-                    if thickness < 1e-5 {
-                        continue;
-                    }
-                    let steep = -normal.dot(direction);
-                    if steep <= 0.0 {
-                        continue;
-                    }
-                    let (_, open, colour) = match run {
-                        Some(known) if (known.0 - depth).abs() < 0.03 * depth => known,
-                        _ => {
-                            let place = eye.position + offset.as_dvec3();
-                            let spot = drop::eye::Spot { x: x as f32, y: y as f32, depth };
-                            let open = if fall.sheltered(place, speed) { 0.0 } else { 1.0 };
-                            let beams = light.beams(place, direction) * controls.back_light;
-                            let colour = (light.ball(&spot).mean() + beams) * opacity.lightning_bias;
-                            *run.insert((depth, open, milky(colour, controls.milk)))
-                        }
-                    };
-                    let wettable = buffer.wettable.as_ref().map_or(1.0, |mask| mask[pixel].clamp(0.0, 1.0));
-                    let through = thickness * own * open * wettable * normal.z / steep.max(0.02);
-                    if through > 0.0 {
-                        let alpha = 1.0 - libm::expf(-through);
-                        out.over(pixel, (colour * alpha).into(), alpha);
-                        touched += 1;
-                    }
-                }
-            }
-        }
-        touched
-    }
 }
 
+/// Splashes of fewer pixels show one elevation.
+const MIXED_PX: f32 = 12.0;
 /// Where the place of impact lies in a picture, from its top.
 const BASE: f32 = 1.0 - sequence::BELOW / sequence::WIDTH;
 
@@ -369,27 +301,6 @@ fn cover(
         begin..((high + 1.0).clamp(0.0, most as f32) as usize).max(begin)
     };
     [span(low.y, high.y, eye.size[1]), span(low.x, high.x, eye.size[0])]
-}
-
-/// Entries of the table over pixels a metre: eight an octave from 1/16 px on.
-const STEPS: usize = 8 * 18;
-
-fn per_metre_of(step: usize) -> f32 {
-    libm::exp2f(step as f32 / 8.0 - 4.0)
-}
-
-fn lookup(table: &[f32], per_metre: f32) -> f32 {
-    let at = ((libm::log2f(per_metre.max(1e-9)) + 4.0) * 8.0).clamp(0.0, (STEPS - 2) as f32);
-    let low = at as usize;
-    table[low] + (at - low as f32) * (table[low + 1] - table[low])
-}
-
-/// Speed of the drops that splash, the mean over their number, m/s.
-fn mean_speed(frame: &WetFrame<'_>, kinds: &[Kind]) -> f64 {
-    let sum = kinds.iter().map(|kind| &frame.flux[kind.class]).fold((0.0, 0.0), |sum, drop| {
-        (sum.0 + drop.impacts_per_m2_s, sum.1 + drop.impacts_per_m2_s * drop.speed_m_per_s)
-    });
-    sum.1 / sum.0.max(1e-30)
 }
 
 #[cfg(test)]

@@ -133,6 +133,71 @@ fn ridge(at: f32) -> (f32, f32) {
     (rest * rest, -4.0 * at * rest)
 }
 
+/// A hit's rings, laid into the picture.
+struct Rings {
+    /// The surface's axes.
+    axes: [Vec3; 2],
+    /// From pixels to the surface, in the widest ring's radii.
+    back: Mat2,
+    /// The shells' middles, px.
+    middles: [Vec2; 6],
+    shells: usize,
+    /// Radius of the first shell's ring over the widest's.
+    grown: f32,
+    /// Nearest and farthest place of any ring from the first shell's middle, in the widest ring's radii.
+    span: [f32; 2],
+    /// Half of what the rings cover across and down, px.
+    across: [f32; 2],
+}
+
+impl Rings {
+    /// `None` where they are seen from their side, as lines, or lie behind.
+    fn new(hit: &Hit, spot: &Spot, eye: &Eye, (widest, grown, shells): (f32, f32, usize)) -> Option<Self> {
+        let axes = axes(hit.normal);
+        let flat = |spot: &Spot| Vec2::new(spot.x, spot.y);
+        let side = |axis: Vec3| eye.see(hit.offset + axis * widest).map(|end| flat(&end) - flat(spot));
+        let map = Mat2::from_cols(side(axes[0])?, side(axes[1])?);
+        if map.determinant().abs() < 0.5 {
+            return None;
+        }
+        let back = map.inverse();
+        let lift = |shell: usize| {
+            let offset = hit.offset + hit.normal * (shell as f32 * SHELL * widest);
+            eye.see(offset).map_or(flat(spot), |spot| flat(&spot))
+        };
+        let middles: [Vec2; 6] = std::array::from_fn(lift);
+        let rise = middles[0].distance(middles[shells - 1]);
+        // How far shells' middles lie apart along the surface, as the eye sees it.
+        let apart = (back * (middles[shells - 1] - middles[0])).length();
+        let wider = grown * (1.0 + WIDER * (shells - 1) as f32) + RIDGE;
+        let across = [0, 1].map(|k| wider * Vec2::new(map.x_axis[k], map.y_axis[k]).length() + rise);
+        let span = [(grown - RIDGE - apart).max(0.0), wider + apart];
+        Some(Self { axes, back, middles, shells, grown, span, across })
+    }
+
+    /// How high water stands at a place of the picture, 0 to 1 a shell, and its slope along the surface.
+    fn at(&self, at: Vec2) -> Option<(f32, Vec3)> {
+        let square = (self.back * (at - self.middles[0])).length_squared();
+        if square < self.span[0] * self.span[0] || square > self.span[1] * self.span[1] {
+            return None;
+        }
+        let (mut high, mut slope) = (0.0, Vec3::ZERO);
+        for (shell, middle) in self.middles[..self.shells].iter().enumerate() {
+            let place = self.back * (at - *middle);
+            let away = place.length();
+            let line = self.grown * (1.0 + WIDER * shell as f32);
+            let (rise, tilt) = ridge((away - line) / RIDGE);
+            if rise > 0.0 {
+                let share = 1.0 / (1.0 + shell as f32);
+                high += share * rise;
+                let outwards = place / away.max(1e-4);
+                slope += (self.axes[0] * outwards.x + self.axes[1] * outwards.y) * (share * tilt);
+            }
+        }
+        (high > 0.0).then_some((high, slope))
+    }
+}
+
 /// Draws one hit's rings; returns pixels touched.
 fn ring(
     hit: &mut Hit,
@@ -145,65 +210,25 @@ fn ring(
     let widest = radius * hit.random.range(0.7, 1.3) as f32;
     let age = (hit.age_s / f64::from(controls.life_s)) as f32;
     let strength = fade * (1.0 - age) * hit.random.range(0.6, 1.0) as f32;
-    // The surface's own axes, and how they lie in the picture.
-    let [t, b] = axes(hit.normal);
-    let (Some(middle), Some(at_t), Some(at_b)) =
-        (eye.see(hit.offset), eye.see(hit.offset + t * widest), eye.see(hit.offset + b * widest))
-    else {
-        return 0;
-    };
-    let flat = |spot: &Spot| Vec2::new(spot.x, spot.y);
-    let map = Mat2::from_cols(flat(&at_t) - flat(&middle), flat(&at_b) - flat(&middle));
-    // Seen from its side a ring is a line: nothing to draw.
-    if map.determinant().abs() < 0.5 {
-        return 0;
-    }
-    let back = map.inverse();
+    let spot = hit.spot;
+    let size = (widest, age.sqrt(), controls.shells as usize);
+    let Some(rings) = Rings::new(hit, &spot, eye, size) else { return 0 };
     let direction = eye.towards(hit.offset);
     let bias = lightning_bias(controls.contrast, frame.lightning);
     let beams = light.beams(hit.place, direction) * controls.back_light;
-    let scattered = milky((light.ball(&middle).mean() + beams) * bias, controls.milk);
-    let shells = controls.shells as usize;
-    let grown = age.sqrt();
-    let lift = |shell: usize| {
-        let offset = hit.offset + hit.normal * (shell as f32 * SHELL * widest);
-        eye.see(offset).map_or(flat(&middle), |spot| flat(&spot))
-    };
-    let middles: [Vec2; 6] = std::array::from_fn(lift);
-    let rise = flat(&middle).distance(middles[shells - 1]);
-    // How far shells' middles lie apart along the surface, as the eye sees it.
-    let apart = (back * (middles[shells - 1] - middles[0])).length();
-    let wider = grown * (1.0 + WIDER * (shells - 1) as f32) + RIDGE;
-    let across = [0, 1].map(|k| wider * Vec2::new(map.x_axis[k], map.y_axis[k]).length() + rise);
-    let [_, columns] = eye.cover(&middle, across[0]);
-    let [rows, _] = eye.cover(&middle, across[1]);
-    let (nearest, farthest) = ((grown - RIDGE - apart).max(0.0), wider + apart);
+    let scattered = milky((light.ball(&spot).mean() + beams) * bias, controls.milk);
+    let [_, columns] = eye.cover(&spot, rings.across[0]);
+    let [rows, _] = eye.cover(&spot, rings.across[1]);
+    let allowed = 4.0 * widest + 0.02 * spot.depth;
     let mut touched = 0;
     for y in rows {
         for x in columns.clone() {
             let pixel = y * eye.size[0] + x;
-            let depth = frame.buffer.depth_m[pixel];
-            if (depth - middle.depth).abs() > 4.0 * widest + 0.02 * middle.depth {
+            let near = (spot.depth - allowed)..(spot.depth + allowed);
+            if !near.contains(&frame.buffer.depth_m[pixel]) {
                 continue;
             }
-            let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            let square = (back * (at - flat(&middle))).length_squared();
-            if square < nearest * nearest || square > farthest * farthest {
-                continue;
-            }
-            let (mut high, mut slope) = (0.0, Vec3::ZERO);
-            for (shell, middle) in middles[..shells].iter().enumerate() {
-                let place = back * (at - *middle);
-                let away = place.length();
-                let line = grown * (1.0 + WIDER * shell as f32);
-                let (rise, tilt) = ridge((away - line) / RIDGE);
-                if rise > 0.0 {
-                    let share = 1.0 / (1.0 + shell as f32);
-                    high += share * rise;
-                    let outwards = place / away.max(1e-4);
-                    slope += (t * outwards.x + b * outwards.y) * (share * tilt);
-                }
-            }
+            let Some((high, slope)) = rings.at(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)) else { continue };
             let cover = strength * high.min(1.0);
             if cover < 0.004 {
                 continue;
