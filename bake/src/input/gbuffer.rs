@@ -1,7 +1,7 @@
 //! A renderer's buffers from one OpenEXR file: colour, depth or places, normals, albedo, roughness, emission, a mask of what gets wet.
 //!
 //! Layers are found by the names that renderers write ([`roles`]), or named; axes, unit and the space of normals follow the writer, or are given
-//! ([`space`]); the camera is given, or is the file's own ([`lens`]). What is missing is done without, and said.
+//! ([`space`]); the camera is given, or is the file's own. What is missing is done without, and said.
 
 mod lens;
 mod planes;

@@ -8,23 +8,25 @@
 
 pub mod lightning;
 pub mod puddles;
+mod task;
 pub mod water;
 
 use super::reflect::march::{March, inverse_of};
 use super::reflect::pyramid::Pyramid;
 use super::reflect::view::View;
-use super::reflect::{FresnelTable, Mirror, Mirrored, paper};
+use super::reflect::{FresnelTable, Mirror, Mirrored};
 use crate::error::RuntimeError;
 use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
-use crate::wet::material::{FILM_ROUGHNESS, Material, Wetness, WetnessRates, paper_edge_attenuation};
-use crate::wet::puddle::{RippleLookup, normal_of, wet_normal};
+use crate::wet::material::{Material, Wetness, WetnessRates};
+use crate::wet::puddle::RippleLookup;
 use crate::wet::ripples::RippleSettings;
 use crate::world::{InScattering, WorldLight};
 use glam::{DVec3, Vec3};
 use puddles::Hollows;
+use task::Task;
 use water::Water;
 
 controls! {
@@ -363,263 +365,6 @@ fn overhead(frame: &WetFrame<'_>, place: DVec3) -> f32 {
     const ROOF_M: f64 = 1.0;
     let map = frame.maps.height_m.as_ref().and_then(|map| map.at(place.truncate()));
     map.map_or(1.0, |height| if f64::from(height) > place.z + ROOF_M { 0.0 } else { 1.0 })
-}
-
-/// A frame on its way.
-struct Task<'a> {
-    frame: &'a WetFrame<'a>,
-    controls: &'a SurfaceControls,
-    view: &'a View,
-    water: &'a Water,
-    states: &'a [State],
-    mirror: Mirror<'a>,
-    fresnel: &'a FresnelTable,
-    lookup: RippleLookup,
-}
-
-impl Task<'_> {
-    fn material(&self, at: usize) -> Material {
-        let buffer = self.frame.buffer;
-        let roughness = buffer.roughness.as_ref().map_or(self.controls.roughness, |values| values[at]);
-        let pores = ((roughness - POROUS[0]) / (POROUS[1] - POROUS[0])).clamp(0.0, 1.0);
-        Material {
-            albedo: buffer.albedo.as_ref().map_or([self.controls.albedo; 3], |values| values[at]),
-            roughness,
-            porosity: self.controls.porosity * pores,
-        }
-    }
-
-    /// Slopes of the film on a surface of this roughness.
-    fn film_slope(&self, roughness: f32) -> f32 {
-        // A smooth surface's film is no rougher than a closed film is; α of a perceptual roughness is its square.
-        let smooth = FILM_ROUGHNESS * FILM_ROUGHNESS;
-        smooth.max(self.controls.film_slope * (roughness / POROUS[1]).min(1.0))
-    }
-
-    /// Films of every other pixel.
-    fn films(&self, films: &mut Vec<Film>) {
-        let [width, height] = self.frame.buffer.size;
-        let half = [width.div_ceil(2), height.div_ceil(2)];
-        films.clear();
-        films.resize(half[0] * half[1], Film::default());
-        let row = |(row, films): (usize, &mut [Film])| {
-            for (column, film) in films.iter_mut().enumerate() {
-                // Of its four pixels the one with least water shows the film, the one with most the water.
-                let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| (2 * column + x, 2 * row + y));
-                let wet = || four.into_iter().filter(|&(x, y)| x < width && y < height);
-                let wet = || wet().filter(|&(x, y)| self.states[y * width + x].wetness > 0.0);
-                let puddle = |(x, y): &(usize, usize)| self.states[y * width + x].puddle;
-                let ends = (
-                    wet().min_by(|a, b| puddle(a).total_cmp(&puddle(b))),
-                    wet().max_by(|a, b| puddle(a).total_cmp(&puddle(b))),
-                );
-                if let (Some(least), Some(most)) = ends {
-                    *film = self.film(least, most);
-                }
-            }
-        };
-        films.par_chunks_mut(half[0]).enumerate().for_each(row);
-    }
-
-    /// What the film mirrors in one pixel, and standing water in another, where that is far away.
-    fn film(&self, (x, y): (usize, usize), most: (usize, usize)) -> Film {
-        let buffer = self.frame.buffer;
-        let width = buffer.size[0];
-        let geometry = |(x, y): (usize, usize)| {
-            let at = y * width + x;
-            let place = self.view.place(x, y, buffer.depth_m[at]);
-            (at, place, buffer.unit_normal(at).unwrap_or(Vec3::Z), self.view.to_eye(place))
-        };
-        let (at, place, normal, to_eye) = geometry(most);
-        let puddle = self.states[at].puddle;
-        let shares = puddle > PUDDLE && self.footprint(place, normal, to_eye) > SHARED_M;
-        let standing = match shares {
-            true => self.puddle((place, normal, to_eye), (puddle, self.material(at).roughness)),
-            false => Mirrored::default(),
-        };
-        let (at, place, normal, to_eye) = geometry((x, y));
-        let film = if self.states[at].puddle < 1.0 {
-            let is_paper = self.controls.paper_streaks > 0.5;
-            let slope = if is_paper { 0.0 } else { self.film_slope(self.material(at).roughness) };
-            self.mirror.fan((place, self.view.from_world(normal), to_eye), slope, self.fresnel)
-        } else {
-            // Under deep water there is no film.
-            Mirrored::default()
-        };
-        let Mirrored { light, fresnel, rays } = film;
-        Film { standing, light, fresnel, normal, depth: buffer.depth_m[at], rays }
-    }
-
-    /// How much of the ground a pixel covers, m: more along the view than across.
-    fn footprint(&self, place: Vec3, normal: Vec3, to_eye: Vec3) -> f32 {
-        let facing = normal.dot(self.view.to_world(to_eye)).max(0.05);
-        self.view.pixel_m(place.z) / facing.sqrt()
-    }
-
-    /// Smears the films as the paper does: by the distance of what each shows.
-    fn smear(&self, films: &mut [Film], memory: &mut Smear) {
-        let [width, height] = self.frame.buffer.size;
-        let half = [width.div_ceil(2), height.div_ceil(2)];
-        let scale = 0.5 * self.controls.paper_stretch * height as f32 / 1080.0;
-        memory.light.clear();
-        memory.wet.clear();
-        memory.reach.clear();
-        for (at, film) in films.iter().enumerate() {
-            memory.light.push(film.light);
-            memory.wet.push(film.rays > 0);
-            let (x, y) = ((2 * (at % half[0])).min(width - 1), (2 * (at / half[0])).min(height - 1));
-            let reach = if film.rays > 0 { scale * self.shown_m((x, y), film) } else { 0.0 };
-            memory.reach.push(reach.min(0.25 * height as f32));
-        }
-        paper::smear(half, (&memory.light, &memory.wet, &memory.reach), &mut memory.out);
-        films.iter_mut().zip(&memory.out).for_each(|(film, light)| film.light = *light);
-    }
-
-    /// Distance of what a film shows from the eye, m; the reach where nothing stands there.
-    fn shown_m(&self, (x, y): (usize, usize), film: &Film) -> f32 {
-        let place = self.view.place(x, y, film.depth);
-        let to_eye = self.view.to_eye(place);
-        let normal = self.view.from_world(film.normal);
-        let ray = normal * (2.0 * normal.dot(to_eye)) - to_eye;
-        let end = self.mirror.march.end(place, ray).pixel();
-        let depth = end.map_or(f32::INFINITY, |at| {
-            let [width, height] = self.view.size;
-            let (x, y) = ((at.x.max(0.0) as usize).min(width - 1), (at.y.max(0.0) as usize).min(height - 1));
-            self.frame.buffer.depth_m[y * width + x]
-        });
-        if depth.is_finite() { depth } else { self.controls.reach }
-    }
-
-    /// Lays every wet pixel into the layer; rays followed.
-    fn lay(&self, films: &[Film], out: &mut Layer) -> usize {
-        let width = self.frame.buffer.size[0];
-        let rows = out.light.par_chunks_mut(width).zip(out.alpha.par_chunks_mut(width)).enumerate();
-        let row = |(y, (light, alpha)): (usize, (&mut [[f32; 3]], &mut [f32]))| {
-            let mut rays = 0;
-            for (x, (light, alpha)) in light.iter_mut().zip(alpha).enumerate() {
-                if self.states[y * width + x].wetness > 0.0 {
-                    rays += self.pixel((x, y), films, (light, alpha));
-                }
-            }
-            rays
-        };
-        rows.map(row).sum()
-    }
-
-    fn pixel(
-        &self,
-        (x, y): (usize, usize),
-        films: &[Film],
-        (light, alpha): (&mut [f32; 3], &mut f32),
-    ) -> usize {
-        let buffer = self.frame.buffer;
-        let at = y * buffer.size[0] + x;
-        let state = self.states[at];
-        let Some(normal) = buffer.unit_normal(at) else { return 0 };
-        let place = self.view.place(x, y, buffer.depth_m[at]);
-        let to_eye = self.view.to_eye(place);
-        let material = self.material(at);
-        // Water runs off what is steep: a wall's film is as little as its share of the rain.
-        let film = self.controls.film * state.wetness * normal.z.abs().max(self.controls.walls);
-        let mut rays = 0;
-        // Film beside puddle: shares of one pixel.
-        let mut mirrored = self.film_around((x, y), films, normal);
-        if state.puddle > PUDDLE {
-            let half = self.frame.buffer.size[0].div_ceil(2);
-            let shared = films[(y / 2) * half + x / 2].standing;
-            let standing = if shared.rays > 0 && self.footprint(place, normal, to_eye) > SHARED_M {
-                shared
-            } else {
-                let own = self.puddle((place, normal, to_eye), (state.puddle, material.roughness));
-                rays = own.rays as usize;
-                own
-            };
-            let share = state.puddle;
-            let film_share = film * (1.0 - share) / (film * (1.0 - share) + share).max(1e-6);
-            mirrored.fresnel = standing.fresnel + film_share * (mirrored.fresnel - standing.fresnel);
-            for band in 0..3 {
-                mirrored.light[band] =
-                    standing.light[band] + film_share * (mirrored.light[band] - standing.light[band]);
-            }
-        }
-        let covered = film + (1.0 - film) * state.puddle;
-        let cosine = self.view.from_world(normal).dot(to_eye).max(0.0);
-        let exponent = f64::from(self.controls.edge_exponent);
-        let edges =
-            if exponent > 0.0 { paper_edge_attenuation(f64::from(cosine), exponent) as f32 } else { 1.0 };
-        let scale = self.controls.mirror * edges;
-        // Air between may have taken a little of it: no more than there is.
-        let own = buffer.emission.as_ref().map_or([0.0; 3], |values| values[at]);
-        let emission = std::array::from_fn(|band| own[band].min(buffer.colour[at][band]).max(0.0));
-        let pixel = SurfacePixel {
-            colour: buffer.colour[at],
-            emission,
-            material,
-            wetness: Wetness { share: state.wetness.max(state.puddle) },
-            film: covered,
-            cosine,
-        };
-        let shown =
-            SurfaceLight { mirrored: mirrored.light.map(|value| value * scale), fresnel: mirrored.fresnel };
-        let wet = wet_surface(&pixel, &shown);
-        // The layer hides what is lost of all colours, and adds what the others keep.
-        let least = wet.kept[0].min(wet.kept[1]).min(wet.kept[2]);
-        *alpha = 1.0 - least;
-        *light = std::array::from_fn(|band| {
-            let (own, all) = (pixel.emission[band], pixel.colour[band]);
-            (all - own) * (wet.kept[band] - least) + own * (1.0 - least) + wet.mirrored[band]
-        });
-        rays
-    }
-
-    /// What standing water mirrors: the ground's normal gives way to the water's.
-    fn puddle(
-        &self,
-        (place, normal, to_eye): (Vec3, Vec3, Vec3),
-        (share, roughness): (f32, f32),
-    ) -> Mirrored {
-        let world = self.view.eye + self.view.to_world(place).as_dvec3();
-        let footprint = self.footprint(place, normal, to_eye);
-        let ripples = self.water.slope(world.truncate(), footprint, &self.lookup);
-        let factor = self.controls.ripples;
-        let water = normal_of(ripples.mean.map(|slope| slope * factor));
-        let shown = self.view.from_world(wet_normal(normal, water, share, 1.0));
-        let still = self.controls.puddle_slope;
-        let calm = (still * still + factor * factor * ripples.variance).sqrt();
-        let slope = calm + (1.0 - share) * (self.film_slope(roughness) - calm).max(0.0);
-        self.mirror.fan((place, shown, to_eye), slope, self.fresnel)
-    }
-
-    /// The films around a pixel that lie on the same surface, between their middles.
-    fn film_around(&self, (x, y): (usize, usize), films: &[Film], normal: Vec3) -> Mirrored {
-        let [width, height] = self.frame.buffer.size;
-        let half = [width.div_ceil(2), height.div_ceil(2)];
-        let depth = self.frame.buffer.depth_m[y * width + x];
-        let taps = |at: usize, count: usize| {
-            let near = at / 2;
-            let far = if at.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(count - 1) };
-            [(near, 0.75f32), (far, 0.25)]
-        };
-        let (mut light, mut fresnel, mut weight) = (Vec3::ZERO, 0.0, 0.0);
-        for (row, wy) in taps(y, half[1]) {
-            for (column, wx) in taps(x, half[0]) {
-                let film = &films[row * half[0] + column];
-                if film.rays == 0 {
-                    continue;
-                }
-                let apart = (film.depth / depth - 1.0).abs();
-                let same = film.normal.dot(normal).max(0.0);
-                let kept = wx * wy * same * same * (1.0 - 10.0 * apart).max(0.0) + 1e-6;
-                light += Vec3::from_array(film.light) * kept;
-                fresnel += film.fresnel * kept;
-                weight += kept;
-            }
-        }
-        if weight == 0.0 {
-            return Mirrored::default();
-        }
-        Mirrored { light: (light / weight).to_array(), fresnel: fresnel / weight, rays: 0 }
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Frame after frame: buffers read, made wet, written as soon as each is there.
 
 use super::output::{Mark, encode};
-use super::{Args, json};
+use super::{Args, Range, json};
 use crate::cli::folder::{OutputFolder, check_apart};
 use crate::cli::picture::{Format, PictureFile};
 use crate::cli::progress::Bars;
@@ -99,26 +99,7 @@ impl Sequence {
     ) -> Result<Self, BakeError> {
         let start = args.time.or_else(|| view.map(|(view, _)| view.rain.time_s)).unwrap_or(0.0);
         let time = |number: u64| start + number as f64 / args.fps;
-        let files: Vec<(PathBuf, Option<u64>)> = match (find_frames(gbuffer, &["exr"])?, args.frames) {
-            (Frames::One(file), None) => vec![(file.path, None)],
-            (Frames::One(file), Some(range)) => {
-                (range.first..range.end).map(|number| (file.path.clone(), Some(number))).collect()
-            }
-            (Frames::Many(files), None) => files.into_iter().enumerate().map(numbered).collect(),
-            (Frames::Many(files), Some(range)) => {
-                let all: Vec<_> = files.into_iter().enumerate().map(numbered).collect();
-                let wanted = range.first..range.end;
-                let within: Vec<_> =
-                    all.into_iter().filter(|(_, n)| n.is_some_and(|n| wanted.contains(&n))).collect();
-                let count = range.end - range.first;
-                if within.len() as u64 != count {
-                    let wanted =
-                        format!("{count} files with the numbers {} to {}", range.first, range.end - 1);
-                    return Err(BakeError::input(gbuffer, "frames", wanted, within.len()));
-                }
-                within
-            }
-        };
+        let files = files_of(gbuffer, args.frames)?;
         let many = files.len() > 1 || args.frames.is_some();
         let (mut folder, mut single) = (None, None);
         let format = match many {
@@ -320,6 +301,30 @@ impl Sequence {
         }
         Ok(Shared { light, tone: tone.brighter(self.stops), settings })
     }
+}
+
+/// Files of buffers and their frames' numbers; a lone file without a range has none.
+fn files_of(gbuffer: &Path, frames: Option<Range>) -> Result<Vec<(PathBuf, Option<u64>)>, BakeError> {
+    let files = match (find_frames(gbuffer, &["exr"])?, frames) {
+        (Frames::One(file), None) => vec![(file.path, None)],
+        (Frames::One(file), Some(range)) => {
+            (range.first..range.end).map(|number| (file.path.clone(), Some(number))).collect()
+        }
+        (Frames::Many(files), None) => files.into_iter().enumerate().map(numbered).collect(),
+        (Frames::Many(files), Some(range)) => {
+            let all: Vec<_> = files.into_iter().enumerate().map(numbered).collect();
+            let wanted = range.first..range.end;
+            let within: Vec<_> =
+                all.into_iter().filter(|(_, n)| n.is_some_and(|n| wanted.contains(&n))).collect();
+            let count = range.end - range.first;
+            if within.len() as u64 != count {
+                let wanted = format!("{count} files with the numbers {} to {}", range.first, range.end - 1);
+                return Err(BakeError::input(gbuffer, "frames", wanted, within.len()));
+            }
+            within
+        }
+    };
+    Ok(files)
 }
 
 /// A picture whose brightest fiftieth counts as bright as the dimmest of it: lamps light what is near them, not the whole world.

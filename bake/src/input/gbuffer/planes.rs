@@ -55,7 +55,7 @@ impl<'a> Contents<'a> {
             return Err(BakeError::input(path, "format", "an OpenEXR file with layers", input.kind()));
         }
         let reader = exr::block::read(Cursor::new(input.bytes.as_slice()), false).map_err(damaged(path))?;
-        let headers: Vec<Header> = reader.headers().iter().cloned().collect();
+        let headers: Vec<Header> = reader.headers().to_vec();
         let Some(first) = headers.first() else {
             return Err(BakeError::input(path, "EXR", "a part", "none"));
         };
@@ -91,14 +91,12 @@ impl<'a> Contents<'a> {
             header.own_attributes.other.iter().chain(header.shared_attributes.other.iter())
         });
         let own =
-            attributes.into_iter().find(|(known, _)| known.to_string() == name).and_then(|(_, value)| {
-                match value {
-                    AttributeValue::Text(text) => Some(text.to_string()),
-                    AttributeValue::F32(value) => Some(value.to_string()),
-                    AttributeValue::F64(value) => Some(value.to_string()),
-                    AttributeValue::I32(value) => Some(value.to_string()),
-                    _ => None,
-                }
+            attributes.into_iter().find(|(known, _)| **known == *name).and_then(|(_, value)| match value {
+                AttributeValue::Text(text) => Some(text.to_string()),
+                AttributeValue::F32(value) => Some(value.to_string()),
+                AttributeValue::F64(value) => Some(value.to_string()),
+                AttributeValue::I32(value) => Some(value.to_string()),
+                _ => None,
             });
         let software = || self.headers.iter().find_map(|header| header.own_attributes.software_name.clone());
         own.or_else(|| if name == "software" { software().map(|text| text.to_string()) } else { None })

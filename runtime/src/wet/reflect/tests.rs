@@ -66,7 +66,7 @@ fn a_flat_wet_plane_is_a_mirror() {
     /// A pixel of the wall is 16 cm wide, and its light is looked up between four.
     const PIXEL: f32 = 0.03;
     let street = street();
-    let light = |place: DVec3| (2.0 + (0.5 * place.z).sin() + 0.5 * (0.3 * place.x).cos()) as f32;
+    let light = |place: DVec3| (2.0 + libm::sin(0.5 * place.z) + 0.5 * libm::cos(0.3 * place.x)) as f32;
     let picture = street.picture(light);
     let table = FresnelTable::water();
     street.with(&picture, &world(0.0), |mirror| {
