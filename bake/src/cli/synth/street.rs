@@ -104,7 +104,7 @@ pub(super) fn run(arguments: &Street, bars: &Bars) -> anyhow::Result<(u64, Vec<P
         };
         let buffer = render_gbuffer(&world, &camera, settings, bars)?;
         bars.finish();
-        put(out, &arguments.gbuffer, &encode_gbuffer(&buffer)?)?;
+        put(out, &arguments.gbuffer, &encode_gbuffer(&buffer, &camera)?)?;
     }
     if let Some(out) = &scene {
         put(out, &arguments.out, &street)?;
