@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 /// Upper bounds on what a file may ask for, checked before memory is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Triangles of all instances. A triangle takes some 130 bytes while maps are baked, 40 of them for good.
+    /// Triangles of all instances. A triangle takes some 250 bytes while maps are baked, 60 of them for good.
     pub triangles: u64,
     /// Elements of one accessor.
     pub elements: u64,

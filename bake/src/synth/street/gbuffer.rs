@@ -116,13 +116,12 @@ pub fn render_gbuffer(
     Ok(buffer)
 }
 
-/// Bytes of an OpenEXR file of buffers: R, G, B; Z; N.X, N.Y, N.Z; albedo and emission with .R, .G, .B; roughness.Y; row 0 on top, numbers of 32 bits; and
-/// of their camera, as the standard's attributes.
+/// Bytes of an OpenEXR file of buffers: R, G, B; Z; N.X, N.Y, N.Z; albedo and emission with .R, .G, .B; roughness.Y; row 0 on top, numbers of 32 bits, and
+/// the camera as the standard's matrices.
 ///
 /// Errors: a picture without pixels.
 pub fn encode_gbuffer(buffer: &GBuffer, camera: &Camera) -> std::io::Result<Vec<u8>> {
-    let band = |values: &[[f32; 3]], band: usize| values.iter().map(|value| value[band]).collect();
-    let mut channels: Vec<(&str, Vec<f32>)> = vec![("Z", buffer.depth_m.clone())];
+    let mut channels = vec![("Z".to_owned(), ChannelValues::Floats(buffer.depth_m.clone()))];
     let sets: [([&str; 3], Option<&Vec<[f32; 3]>>); 4] = [
         (["R", "G", "B"], Some(&buffer.colour)),
         (["N.X", "N.Y", "N.Z"], Some(&buffer.normal)),
@@ -130,16 +129,16 @@ pub fn encode_gbuffer(buffer: &GBuffer, camera: &Camera) -> std::io::Result<Vec<
         (["emission.R", "emission.G", "emission.B"], buffer.emission.as_ref()),
     ];
     for (names, values) in sets {
-        if let Some(values) = values {
-            channels.extend((0..3).map(|at| (names[at], band(values, at))));
+        let Some(values) = values else { continue };
+        for (band, name) in names.into_iter().enumerate() {
+            let band = values.iter().map(|value| value[band]).collect();
+            channels.push((name.to_owned(), ChannelValues::Floats(band)));
         }
     }
     if let Some(roughness) = &buffer.roughness {
-        channels.push(("roughness.Y", roughness.clone()));
+        channels.push(("roughness.Y".to_owned(), ChannelValues::Floats(roughness.clone())));
     }
-    let channels =
-        channels.into_iter().map(|(name, values)| (name.to_owned(), ChannelValues::Floats(values)));
-    encode_seen_layers((buffer.size[0], buffer.size[1]), channels.collect(), (None, Some(camera)))
+    encode_seen_layers((buffer.size[0], buffer.size[1]), channels, (None, Some(camera)))
 }
 
 impl Tracer<'_> {

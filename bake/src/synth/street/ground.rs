@@ -67,7 +67,7 @@ fn road_height(x: f64, y: f64, hollows: &[Hollow], seed: u64) -> f64 {
     // Between its gullies the gutter rises and falls, and a road is nowhere quite even.
     let gutter = ((across - 0.72) / 0.28).clamp(0.0, 1.0);
     height -= gutter * 0.008 * (1.0 + libm::cos(x * std::f64::consts::TAU / 12.0));
-    height + 0.006 * noise(0.7 * x, 0.7 * y, seed ^ 11) + 0.002 * noise(2.9 * x, 2.9 * y, seed ^ 12)
+    height + 0.006 * noise(0.7 * x, 0.7 * y, seed ^ 11)
 }
 
 /// Lines across the road at which it has places: close where ruts, paint and gutters are.
@@ -107,7 +107,7 @@ pub(super) fn build(street: &mut Street, seed: u64) {
     };
     let mut road = Shape::new();
     road.grid(&places, along.len(), true, stuff);
-    // Manholes lie a hand's breadth of a hair above the road.
+    // Manholes stand a little above the road around them.
     for (x, y) in [(-9.3, 1.9), (6.1, -2.0)] {
         let middle = DVec3::new(x, y, road_height(x, y, &hollows, seed) + 0.008);
         road.disc(Stuff::Iron, middle, DVec3::Z, 0.33, 20);
