@@ -31,6 +31,8 @@ controls! {
         spacing_m: 0.08, 0.01..=10.0, "m", "";
         /// Time that a shutter is open: drops are as long as they fall in it.
         exposure_ms: 8.0, 0.0..=1000.0, "ms", "";
+        /// Above ½ water looks as the paper prints it, a baseline: rays are bent once and don't come out again, opacity grows with the distance.
+        paper: 0.0, 0.0..=1.0, "", "";
         /// Opacity of the water.
         opacity: 1.0, 0.0..=1.0, "", "alpha";
         /// Opacity that reflecting edges add.
@@ -112,7 +114,7 @@ impl Drips {
     ///
     /// # Errors
     ///
-    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, an edge that is nowhere.
+    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, controls out of their ranges, an edge that is nowhere.
     pub fn draw(
         &mut self,
         frame: &WetFrame<'_>,
@@ -135,6 +137,7 @@ impl Drips {
         out: &mut Layer,
     ) -> Result<DripReport, RuntimeError> {
         drop::check(frame)?;
+        controls.check()?;
         check(edges)?;
         out.clear(frame.buffer.size);
         let mut report = DripReport::default();
@@ -154,7 +157,11 @@ impl Drips {
             return Ok(report);
         }
         self.drops.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
+        let lights = LightControls {
+            flash: controls.flash,
+            lamp_height_m: controls.lamp_height_m,
+            paper: controls.paper > 0.5,
+        };
         let mut light = self.light.prepare(frame, &eye, &lights);
         for (_, one) in &self.drops {
             let touched = paint(one, frame, &eye, controls, &mut light, out);
@@ -276,6 +283,7 @@ fn paint(
         edge_bias: controls.edge_bias,
         distance: distance_fade(Vec3::length(offset), controls.half_distance_m),
         lightning_bias: lightning_bias(controls.contrast, frame.lightning),
+        paper_m: (controls.paper > 0.5).then(|| offset.length()),
     };
     let paint = Paint {
         ball: light.ball(&spot),
