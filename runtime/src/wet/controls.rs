@@ -55,6 +55,14 @@ macro_rules! controls {
                 match name { $(stringify!($field) => Some(self.$field),)+ _ => None }
             }
 
+            /// Checks that every control is in its range, as drawing does: fields can be set past [`Self::set`].
+            ///
+            /// Errors: the first control that is out of its range, or not a number.
+            pub fn check(&self) -> Result<(), $crate::error::RuntimeError> {
+                let mut whole = *self;
+                Self::PARAMETERS.iter().try_for_each(|known| whole.set(known.name, self.get(known.name).unwrap_or(f32::NAN)))
+            }
+
             /// Sets the control of that name.
             ///
             /// Errors: no control of that name; a value out of its range.
@@ -98,6 +106,10 @@ mod tests {
         for (name, value) in [("first", 2.5), ("first", f32::NAN), ("third", 1.0)] {
             assert!(two.set(name, value).is_err());
         }
+        assert!(two.check().is_ok());
+        assert!(
+            Two { first: 2.5, ..two }.check().is_err() && Two { second: f32::NAN, ..two }.check().is_err()
+        );
         assert_eq!((Two::PARAMETERS[0].says, Two::PARAMETERS[0].unit), ("The first.", "m"));
     }
 }

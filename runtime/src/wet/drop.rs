@@ -12,12 +12,12 @@ pub(crate) mod stage;
 mod stamp;
 
 pub use ball::{paper_through, through_ball};
-pub use fall::{fallen, last_speed};
+pub use fall::{fall_time_s, fallen, last_speed};
 pub(crate) use light::glint;
 pub use look::{Opacity, distance_fade, lightning_bias, milky, paper_opacity};
 pub use rain::{DropControls, DropReport, Drops};
-pub use stamp::flatness;
 pub(crate) use stamp::{Paint, Stamp, covered, velocity_blur};
+pub use stamp::{flatness, swing_rate};
 
 use crate::error::RuntimeError;
 use crate::wet::frame::WetFrame;

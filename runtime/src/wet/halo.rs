@@ -5,7 +5,7 @@
 //! | Σ N v | `flux` | 1/(m² s) |
 //! | n, d | droplets that a splash throws out, and their diameter ([`thrown`]) | –, m |
 //! | u | `throw_m_per_s`: the droplets' speed upwards | m/s |
-//! | h | u²/2g, mean height of the mist | m |
+//! | h | u²/(3g), mean height of the mist: of u t − g t²/2 over the flight's 2u/g | m |
 //!
 //! Droplets stay in the air for 2u/g, so over a square metre hang Σ N v n 2u/g of them; their discs over the height h are the mist's extinction
 //! σ = Σ N v n π d²/4 · 2u/(g h), thinning out upwards as e^{−z/h}. A ray that passes an edge at the height z and comes down on the surface at an angle a goes
@@ -32,7 +32,7 @@ controls! {
     pub struct HaloControls {
         /// Factor on the mist's density: 1 is what droplets come to that are counted over deep water, rain on sheet metal and stone shows more.
         amount: 3.0, 0.0..=100.0, "", "";
-        /// Speed at which splashes throw droplets up: mist stands as high as they rise.
+        /// Speed at which splashes throw droplets up: mist stands as high as they are on the mean.
         throw_m_per_s: 1.1, 0.1..=5.0, "m/s", "";
         /// How far surfaces reach along a look past their edge.
         reach_m: 1.5, 0.01..=100.0, "m", "";
@@ -103,10 +103,15 @@ struct Brush<'a, 'b> {
     bias: f32,
 }
 
+/// Mean height of a droplet over its flight, m, that is thrown up at a speed, m/s: two thirds of the height that it comes to.
+fn mean_height_m(speed: f64) -> f64 {
+    speed * speed / (3.0 * GRAVITY)
+}
+
 impl Mist {
     fn new(frame: &WetFrame<'_>, controls: &HaloControls) -> Option<Self> {
         let (u, film) = (f64::from(controls.throw_m_per_s), f64::from(controls.film_mm) * 1e-3);
-        let height = u * u / (2.0 * GRAVITY);
+        let height = mean_height_m(u);
         let (mut discs, mut impacts, mut speeds) = (0.0, 0.0, 0.0);
         for drop in frame.flux.iter().filter(|drop| drop.impacts_per_m2_s > 0.0) {
             let out = thrown(drop, film);
@@ -136,7 +141,7 @@ impl Halos {
     ///
     /// # Errors
     ///
-    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, a fin that is nowhere.
+    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, controls out of their ranges, a fin that is nowhere.
     pub fn draw(
         &mut self,
         frame: &WetFrame<'_>,
@@ -144,12 +149,14 @@ impl Halos {
         out: &mut Layer,
     ) -> Result<HaloReport, RuntimeError> {
         drop::check(frame)?;
+        controls.check()?;
         fins::check(&frame.maps.fins)?;
         out.clear(frame.buffer.size);
         let mut report = HaloReport::default();
         let Some(mist) = Mist::new(frame, controls) else { return Ok(report) };
         let eye = Eye::new(frame.camera);
-        let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
+        let lights =
+            LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m, paper: false };
         let mut light = self.light.prepare(frame, &eye, &lights);
         let bias = lightning_bias(controls.contrast, frame.lightning);
         let brush = Brush { frame, eye: &eye, controls, mist, fall: Fall::new(frame), bias };

@@ -36,6 +36,8 @@ controls! {
         exposure_ms: 4.0, 0.1..=100.0, "ms", "";
         /// 1 shifts the texture's repeats by a hash, 0 repeats it as the paper does.
         shift: 1.0, 0.0..=1.0, "", "";
+        /// Above ½ water looks as the paper prints it, a baseline: rays are bent once and don't come out again, opacity grows with the distance.
+        paper: 0.0, 0.0..=1.0, "", "";
         /// Opacity of the water.
         opacity: 1.0, 0.0..=1.0, "", "alpha";
         /// Opacity that reflecting edges add.
@@ -138,7 +140,7 @@ impl Layers {
     ///
     /// # Errors
     ///
-    /// Buffers of another size than the camera's, or numbers of the frame outside what effects take.
+    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, or controls out of their ranges.
     pub fn draw(
         &mut self,
         frame: &WetFrame<'_>,
@@ -146,12 +148,17 @@ impl Layers {
         out: &mut Layer,
     ) -> Result<LayerReport, RuntimeError> {
         drop::check(frame)?;
+        controls.check()?;
         out.clear(frame.buffer.size);
         let mut report = LayerReport::default();
         let eye = Eye::new(frame.camera);
         let Some((along, sheets)) = sheets(frame, &eye, controls) else { return Ok(report) };
         let mut light = std::mem::take(&mut self.light);
-        let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
+        let lights = LightControls {
+            flash: controls.flash,
+            lamp_height_m: controls.lamp_height_m,
+            paper: controls.paper > 0.5,
+        };
         let mut now = light.prepare(frame, &eye, &lights);
         let brush = Brush { frame, eye: &eye, controls };
         for sheet in sheets.iter().rev() {
@@ -176,6 +183,7 @@ impl Layers {
             edge_bias: controls.edge_bias,
             distance: 1.0,
             lightning_bias: lightning_bias(controls.contrast, frame.lightning),
+            paper_m: (controls.paper > 0.5).then_some(sheet.depth),
         };
         let blur = controls.blur * drop::velocity_blur(sheet.way, sheet.radius);
         let mut touched = 0;

@@ -127,7 +127,7 @@ impl Splashes {
     ///
     /// # Errors
     ///
-    /// Buffers of another size than the camera's, or numbers of the frame outside what effects take.
+    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, or controls out of their ranges.
     pub fn draw(
         &mut self,
         frame: &WetFrame<'_>,
@@ -135,6 +135,7 @@ impl Splashes {
         out: &mut Layer,
     ) -> Result<SplashReport, RuntimeError> {
         drop::check(frame)?;
+        controls.check()?;
         out.clear(frame.buffer.size);
         let mut report = SplashReport::default();
         let kinds = kinds(frame, controls);
@@ -163,7 +164,8 @@ impl Splashes {
             });
         }
         self.found.sort_by(|a, b| b.hit.spot.depth.total_cmp(&a.hit.spot.depth));
-        let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
+        let lights =
+            LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m, paper: false };
         let mut light = self.light.prepare(frame, &eye, &lights);
         let brush = Brush { frame, eye: &eye, controls, sequence: &self.sequence };
         if controls.haze > 0.0 {
@@ -208,6 +210,7 @@ impl Brush<'_, '_> {
             edge_bias: self.controls.edge_bias,
             distance: 1.0,
             lightning_bias: lightning_bias(self.controls.contrast, self.frame.lightning),
+            paper_m: None,
         }
     }
 

@@ -82,7 +82,7 @@ impl Splatters {
     ///
     /// # Errors
     ///
-    /// Buffers of another size than the camera's, or numbers of the frame outside what effects take.
+    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, or controls out of their ranges.
     pub fn draw(
         &mut self,
         frame: &WetFrame<'_>,
@@ -90,6 +90,7 @@ impl Splatters {
         out: &mut Layer,
     ) -> Result<SplatterReport, RuntimeError> {
         drop::check(frame)?;
+        controls.check()?;
         out.clear(frame.buffer.size);
         let mut report = SplatterReport::default();
         let film = f64::from(controls.film_mm) * 1e-3;
@@ -116,7 +117,8 @@ impl Splatters {
             });
         }
         self.found.sort_by(|a, b| b.0.spot.depth.total_cmp(&a.0.spot.depth));
-        let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
+        let lights =
+            LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m, paper: false };
         let mut light = self.light.prepare(frame, &eye, &lights);
         for (hit, radius, fade) in &mut self.found {
             let touched = ring(hit, *radius, *fade, (frame, &eye, controls), &mut light, out);
@@ -312,6 +314,15 @@ mod tests {
         let mut picture = stage.buffer.colour.clone();
         layer.onto(&mut picture).unwrap();
         assert_eq!(picture, stage.buffer.colour);
+    }
+
+    #[test]
+    fn controls_out_of_their_ranges_are_refused() {
+        let (stage, mut layer) = (stage(), Layer::default());
+        for shells in [0.0, 7.0, f32::NAN] {
+            let controls = SplatterControls { shells, ..SplatterControls::default() };
+            assert!(Splatters::new().draw(&stage.frame(1.0), &controls, &mut layer).is_err());
+        }
     }
 
     #[test]

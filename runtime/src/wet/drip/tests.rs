@@ -11,6 +11,13 @@ fn stage() -> Stage {
     stage
 }
 
+/// Every drop of the edge.
+fn every_drop(stage: &Stage, time: f64, controls: &DripControls, mut each: impl FnMut(Drop)) {
+    let (frame, mut spots) = (stage.frame(time), Vec::new());
+    assert!(!spouts(&[edge()], &frame, &Eye::new(&stage.camera), controls, &mut spots));
+    spots.iter().for_each(|spout| each_drop(spout, 1.0, &frame, controls, &mut each));
+}
+
 #[test]
 fn as_much_water_drips_as_drains() {
     let (stage, controls) = (stage(), DripControls { amount: 1.0, ..DripControls::default() });
@@ -20,7 +27,7 @@ fn as_much_water_drips_as_drains() {
     // Drops younger than a tenth of a second, over many times: each is let go once.
     let mut young = 0;
     for k in 0..200 {
-        each_drop(&edge(), 0, &stage.frame(0.1 * f64::from(k)), &controls, |one| {
+        every_drop(&stage, 0.1 * f64::from(k), &controls, |one| {
             young += usize::from(!one.hangs && one.velocity.z > -0.9768);
         });
     }
@@ -61,7 +68,7 @@ fn the_same_time_gives_the_same_drops_and_wind_takes_them_along() {
     assert_eq!(first, second);
     let mean = |stage: &Stage| {
         let (mut sum, mut count) = (0.0, 0.0);
-        each_drop(&edge(), 0, &stage.frame(3.0), &controls, |one| {
+        every_drop(stage, 3.0, &controls, |one| {
             (sum, count) = (sum + one.place.x, count + 1.0);
         });
         sum / count
@@ -92,4 +99,72 @@ fn an_edge_that_is_nowhere_is_refused() {
     // As long as the world, and as wet: bounded work.
     let long = DripEdge { ends_m: [DVec3::ZERO, DVec3::new(1e9, 0.0, 2.0)], drains_m2: 1e9 };
     assert!(Drips::new().draw_from(&[long], &stage.frame(0.0), &DripControls::default(), &mut layer).is_ok());
+}
+
+#[test]
+fn a_thousand_edges_of_any_wetness_are_followed_in_bounded_number() {
+    let stage = stage();
+    let (eye, frame) = (Eye::new(&stage.camera), stage.frame(3.0));
+    let wet = |k: usize| {
+        let y = 2.5 + 1e-3 * k as f64;
+        DripEdge { ends_m: [DVec3::new(-400.0, y, 2.0), DVec3::new(400.0, y, 2.0)], drains_m2: 1e9 }
+    };
+    let edges: Vec<_> = (0..1000).map(wet).collect();
+    let mut drips = Drips::new();
+    assert!(drips.find(&edges, &frame, &eye, &DripControls::default()));
+    // A drop more than its share where a spot has less than one.
+    assert!(drips.spots.len() as f64 <= ALL_SPOTS + 1000.0);
+    assert!((1000..DROPS_MOST as usize * 2).contains(&drips.drops.len()), "{}", drips.drops.len());
+    let mut layer = Layer::default();
+    let (all, controls) = (vec![edge(); EDGES_MOST + 1], DripControls::default());
+    assert!(Drips::new().draw_from(&all, &frame, &controls, &mut layer).is_err());
+}
+
+#[test]
+fn edges_out_of_sight_cost_the_ones_in_sight_nothing() {
+    let stage = stage();
+    let (mut one, mut other, controls) = (Layer::default(), Layer::default(), DripControls::default());
+    let alone = Drips::new().draw(&stage.frame(3.0), &controls, &mut one).unwrap();
+    let behind =
+        DripEdge { ends_m: [DVec3::new(-90.0, -60.0, 3.0), DVec3::new(90.0, -60.0, 3.0)], drains_m2: 1e9 };
+    let mut edges = vec![behind; 200];
+    edges[0] = edge();
+    let with = Drips::new().draw_from(&edges, &stage.frame(3.0), &controls, &mut other).unwrap();
+    assert_eq!((alone, &one), (with, &other));
+    assert!(!alone.thinned && alone.falling > 20);
+}
+
+#[test]
+fn drops_fall_from_high_eaves_to_the_ground() {
+    let mut stage = stage();
+    let high =
+        DripEdge { ends_m: [DVec3::new(-1.0, 3.0, 60.0), DVec3::new(1.0, 3.0, 60.0)], drains_m2: 30.0 };
+    stage.maps.drips = vec![high];
+    let (mut layer, controls) = (Layer::default(), DripControls::default());
+    // Sixty metres take some seven seconds.
+    let open = Drips::new().draw(&stage.frame(3.0), &controls, &mut layer).unwrap();
+    assert!(open.falling > 20, "{open:?}");
+    // Ground at one metre of height ends them there, though the picture goes on below.
+    stage.maps.height_m = Some(crate::wet::maps::GroundMap {
+        origin_m: glam::DVec2::new(-5.0, 0.0),
+        cell_m: 1.0,
+        size: [10, 10],
+        values: vec![1.0; 100],
+    });
+    let mut drips = Drips::new();
+    drips.find(&stage.maps.drips, &stage.frame(3.0), &Eye::new(&stage.camera), &controls);
+    assert!(!drips.drops.is_empty() && drips.drops.iter().all(|(_, one)| one.place.z > 1.0));
+}
+
+#[test]
+fn the_papers_drops_look_otherwise_and_controls_are_held_to_their_ranges() {
+    let stage = stage();
+    let (mut one, mut other) = (Layer::default(), Layer::default());
+    let paper = DripControls { paper: 1.0, ..DripControls::default() };
+    Drips::new().draw(&stage.frame(3.0), &paper, &mut one).unwrap();
+    Drips::new().draw(&stage.frame(3.0), &DripControls::default(), &mut other).unwrap();
+    assert_ne!(one, other);
+    assert!(one.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)));
+    let wrong = DripControls { spacing_m: 0.0, ..DripControls::default() };
+    assert!(Drips::new().draw(&stage.frame(3.0), &wrong, &mut one).is_err());
 }

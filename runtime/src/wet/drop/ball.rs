@@ -2,7 +2,8 @@
 //!
 //! A ray that meets a ball with direction d enters along t and leaves along e = 2 (d·t) t − d: it is bent as much on its way out as on its way
 //! in. So a drop shows some 165° of the world. What it shows depends on the normal where the ray meets it, and hardly on where in a small part
-//! of the picture the drop is: a table over the normal, a tile of the picture each, made when a drop first asks for it.
+//! of the picture the drop is: a table over the normal, a tile of the picture each, made when a drop first asks for it. Between tiles' middles drops show
+//! the mean of the four around, by how near they are, so that nothing changes at a tile's border.
 
 use super::eye::Eye;
 use super::light::Surroundings;
@@ -36,43 +37,62 @@ pub fn paper_through(direction: Vec3, normal: Vec3) -> Vec3 {
     direction * ratio + normal * (ratio * cosine - inside)
 }
 
+/// [`paper_through`], and the share of light that comes through the one surface.
+fn once(direction: Vec3, normal: Vec3) -> (Vec3, f32) {
+    let kept = 1.0 - fresnel(f64::from((-direction.dot(normal)).clamp(0.0, 1.0)), WATER_INDEX) as f32;
+    (paper_through(direction, normal), kept)
+}
+
 /// What drops show, a tile of the picture each.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct BallMap {
-    tiles: Vec<Option<Box<[Vec3; ENTRIES]>>>,
+    tiles: Vec<Option<Box<Table>>>,
+    paper: bool,
 }
 
-/// What drops in one part of the picture show, by the normal.
+/// Radiance by the normal, level after level.
+type Table = [Vec3; ENTRIES];
+
+/// What drops at one place of the picture show, by the normal: the tables of four tiles, and how much each counts.
 #[derive(Clone, Copy)]
 pub(crate) struct Ball<'a> {
-    entries: &'a [Vec3; ENTRIES],
+    tables: [(f32, &'a Table); 4],
 }
 
 impl BallMap {
-    /// Forgets the last frame.
-    pub fn clear(&mut self) {
+    /// Forgets the last frame; `paper` says that rays are bent as the paper prints it.
+    pub fn clear(&mut self, paper: bool) {
+        self.paper = paper;
         self.tiles.clear();
         self.tiles.resize(TILES[0] * TILES[1], None);
     }
 
     /// What drops at pixel coordinates show.
     pub fn at(&mut self, eye: &Eye, world: &Surroundings<'_>, x: f32, y: f32) -> Ball<'_> {
-        let index = tile_of(eye, x, y);
-        let entries = self.tiles[index].get_or_insert_with(|| {
-            let [column, row] = [index % TILES[0], index / TILES[0]];
-            let middle = |k: usize, tiles: usize, size: usize| (k as f32 + 0.5) / tiles as f32 * size as f32;
-            let (x, y) = (middle(column, TILES[0], eye.size[0]), middle(row, TILES[1], eye.size[1]));
-            Box::new(fill(eye, world, eye.direction(x, y)))
-        });
-        Ball { entries }
+        let (left, u) = between(x, eye.size[0], TILES[0]);
+        let (top, v) = between(y, eye.size[1], TILES[1]);
+        let first = top * TILES[0] + left;
+        let around = [first, first + 1, first + TILES[0], first + TILES[0] + 1];
+        let paper = self.paper;
+        for index in around {
+            self.tiles[index].get_or_insert_with(|| {
+                let [column, row] = [index % TILES[0], index / TILES[0]];
+                let middle =
+                    |k: usize, axis: usize| (k as f32 + 0.5) / TILES[axis] as f32 * eye.size[axis] as f32;
+                Box::new(fill(eye, world, eye.direction(middle(column, 0), middle(row, 1)), paper))
+            });
+        }
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        let table = |k: usize| (weights[k], &**self.tiles[around[k]].as_ref().expect("made above"));
+        Ball { tables: std::array::from_fn(table) }
     }
 }
 
-fn tile_of(eye: &Eye, x: f32, y: f32) -> usize {
-    let part = |at: f32, size: usize, tiles: usize| {
-        ((at / size as f32 * tiles as f32).max(0.0) as usize).min(tiles - 1)
-    };
-    part(y, eye.size[1], TILES[1]) * TILES[0] + part(x, eye.size[0], TILES[0])
+/// The tile whose middle lies before a coordinate, of all but the last, and how far the coordinate is on its way to the next one's.
+fn between(at: f32, size: usize, tiles: usize) -> (usize, f32) {
+    let place = (at / size as f32 * tiles as f32 - 0.5).max(0.0).min((tiles - 1) as f32);
+    let low = (place as usize).min(tiles - 2);
+    (low, place - low as f32)
 }
 
 /// Axes across a view: to its right, and up.
@@ -81,7 +101,7 @@ pub(crate) fn across(eye: &Eye, direction: Vec3) -> [Vec3; 2] {
     [right, right.cross(direction)]
 }
 
-fn fill(eye: &Eye, world: &Surroundings<'_>, direction: Vec3) -> [Vec3; ENTRIES] {
+fn fill(eye: &Eye, world: &Surroundings<'_>, direction: Vec3, paper: bool) -> Table {
     let [right, up] = across(eye, direction);
     let mut entries = [Vec3::ZERO; ENTRIES];
     let mut weights = [0.0f32; SIDE * SIDE];
@@ -92,7 +112,7 @@ fn fill(eye: &Eye, world: &Surroundings<'_>, direction: Vec3) -> [Vec3; ENTRIES]
         *weight = if flat.length_squared() < 1.0 { 1.0 } else { 1e-3 };
         let flat = flat.clamp_length_max(0.995);
         let normal = right * flat.x + up * flat.y - direction * (1.0 - flat.length_squared()).sqrt();
-        let (exit, kept) = through_ball(direction, normal);
+        let (exit, kept) = if paper { once(direction, normal) } else { through_ball(direction, normal) };
         let mirror = direction - 2.0 * direction.dot(normal) * normal;
         let share = fresnel(f64::from(-direction.dot(normal)), WATER_INDEX) as f32;
         *entry = kept * world.radiance(exit) + share * world.radiance(mirror);
@@ -131,7 +151,7 @@ impl Ball<'_> {
 
     /// Mean over the drop's disc.
     pub fn mean(&self) -> Vec3 {
-        self.entries[ENTRIES - 1]
+        self.tables.iter().map(|(weight, entries)| *weight * entries[ENTRIES - 1]).sum()
     }
 
     fn level(&self, flat: Vec2, level: usize) -> Vec3 {
@@ -146,15 +166,25 @@ impl Ball<'_> {
         let (column, row) = ((x as usize).min(side - 2), (y as usize).min(side - 2));
         let (u, v) = (x - column as f32, y - row as f32);
         let corner = BEGIN[level] + row * side + column;
-        let low = self.entries[corner].lerp(self.entries[corner + 1], u);
-        let high = self.entries[corner + side].lerp(self.entries[corner + side + 1], u);
-        low.lerp(high, v)
+        let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        let corners = [corner, corner + 1, corner + side, corner + side + 1];
+        let mut sum = Vec3::ZERO;
+        for (weight, entries) in &self.tables {
+            for k in 0..4 {
+                sum += *weight * shares[k] * entries[corners[k]];
+            }
+        }
+        sum
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wet::drop::eye::Spot;
+    use crate::wet::drop::light::{LightControls, LightMemory};
+    use crate::wet::drop::stage::Stage;
+    use glam::DVec3;
 
     /// Single precision through a few square roots.
     const ROUND_OFF: f32 = 1e-5;
@@ -173,6 +203,35 @@ mod tests {
             let once = 1.0 - fresnel(f64::from((1.0 - x * x).sqrt()), WATER_INDEX) as f32;
             assert!((kept - once * once).abs() < ROUND_OFF);
         }
+    }
+
+    #[test]
+    fn what_a_drop_shows_does_not_change_at_a_tiles_border() {
+        /// A hundredth of a pixel, of light that grades over a picture.
+        const STEP: f32 = 1e-3;
+        let mut stage = Stage::new(DVec3::new(3.0, 0.0, 1.6), DVec3::new(3.0, 5.0, 1.6), [320, 240]);
+        for (k, colour) in stage.buffer.colour.iter_mut().enumerate() {
+            *colour = [0.2 + (k % 320) as f32 / 320.0, 0.2 + (k / 320) as f32 / 240.0, 0.3];
+        }
+        let (frame, eye, mut memory) = (stage.frame(0.0), Eye::new(&stage.camera), LightMemory::default());
+        let controls = LightControls { flash: 0.0, lamp_height_m: 5.0, paper: false };
+        let mut light = memory.prepare(&frame, &eye, &controls);
+        let mut shown = |x: f32, y: f32| {
+            let ball = light.ball(&Spot { x, y, depth: 2.0 });
+            [Vec2::ZERO, Vec2::new(0.5, -0.3), Vec2::new(-0.7, 0.6)]
+                .map(|flat| ball.radiance(flat, 0.7))
+                .into_iter()
+                .chain([ball.mean()])
+                .collect::<Vec<_>>()
+        };
+        for k in 1..12 {
+            let (x, y) = (20.0 * k as f32, 20.0 * k as f32);
+            let sides = [shown(x - 0.005, y - 0.005), shown(x + 0.005, y + 0.005)];
+            let step =
+                sides[0].iter().zip(&sides[1]).map(|(one, other)| one.distance(*other)).fold(0.0, f32::max);
+            assert!(step < STEP, "{k} {step}");
+        }
+        assert!(shown(10.0, 120.0)[3].distance(shown(310.0, 120.0)[3]) > 0.1, "there is something to tell");
     }
 
     #[test]

@@ -98,6 +98,49 @@ impl Eye {
         Some(Vec2::new(x, y))
     }
 
+    /// Depth beyond which what is so wide, m, is narrower than so many pixels.
+    pub fn farthest(&self, width_m: f32, least_px: f32) -> f32 {
+        let wide = width_m * self.scale.y / least_px;
+        if self.perspective {
+            wide
+        } else if wide > 1.0 {
+            f32::INFINITY
+        } else {
+            0.0
+        }
+    }
+
+    /// Length of the ray through the picture's farthest corner up to depth 1; without end where rays are parallel.
+    pub fn longest(&self) -> f32 {
+        if !self.perspective {
+            return f32::INFINITY;
+        }
+        let [w, h] = self.size.map(|n| n as f32);
+        [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]]
+            .map(|[x, y]| self.at(x, y, 1.0).length())
+            .into_iter()
+            .fold(0.0, f32::max)
+    }
+
+    /// Whether a box is surely outside what is seen up to a depth: all of it on the outer side of one of its limits.
+    pub fn misses(&self, low: DVec3, high: DVec3, far: f32) -> bool {
+        let mut outside = [true; 6];
+        let [w, h] = self.size.map(|n| n as f32);
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+            let offset = self.offset(DVec3::new(pick(0), pick(1), pick(2)));
+            let depth = offset.dot(self.forward);
+            let over = if self.perspective { depth } else { 1.0 };
+            let x = self.centre.x * over + self.scale.x * offset.dot(self.right);
+            let y = self.centre.y * over - self.scale.y * offset.dot(self.up);
+            let tests = [x < 0.0, x > w * over, y < 0.0, y > h * over, depth <= NEAREST, depth > far];
+            for (all, here) in outside.iter_mut().zip(tests) {
+                *all &= here;
+            }
+        }
+        outside.contains(&true)
+    }
+
     /// The pixel of a spot, or `None` outside the picture.
     pub fn pixel(&self, spot: &Spot) -> Option<usize> {
         let inside =

@@ -25,6 +25,14 @@ pub fn fallen(seconds: f64, last_speed: f64, wind: DVec3) -> (DVec3, DVec3) {
     (side * (t - u / GRAVITY * taken) - DVec3::Z * down, side * taken - DVec3::Z * speed)
 }
 
+/// Time in which a drop that is let go at rest falls so many metres, s: [`fallen`] the other way round, u/g arcosh e^{g h/u²}. 0 for heights of 0 and less.
+pub fn fall_time_s(height_m: f64, last_speed: f64) -> f64 {
+    let u = last_speed.max(1e-3);
+    let share = GRAVITY * height_m.max(0.0) / (u * u);
+    // arcosh eˢ in a form that does not overflow, nor loses the digits of a short fall.
+    u / GRAVITY * (share + libm::log1p((-libm::expm1(-2.0 * share)).sqrt()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -36,6 +44,15 @@ mod tests {
         assert!((place.z + 0.5 * GRAVITY * 1e-4).abs() < 1e-7 && (velocity.z + GRAVITY * 0.01).abs() < 1e-5);
         let (_, velocity) = fallen(100.0, 9.0, DVec3::new(3.0, -2.0, 0.0));
         assert!((velocity - DVec3::new(3.0, -2.0, -9.0)).length() < 1e-9);
+    }
+
+    #[test]
+    fn the_time_of_a_fall_is_the_falls_other_way_round() {
+        for height in [1e-4, 0.02, 1.0, 30.0, 400.0] {
+            let (place, _) = fallen(fall_time_s(height, 9.0), 9.0, DVec3::ZERO);
+            assert!((place.z / -height - 1.0).abs() < 1e-9, "{height} {}", place.z);
+        }
+        assert_eq!(fall_time_s(-1.0, 9.0), 0.0);
     }
 
     #[test]

@@ -54,6 +54,8 @@ pub(crate) struct LightControls {
     pub flash: f32,
     /// Height of lamps over the ground, m.
     pub lamp_height_m: f32,
+    /// Whether rays through water are bent as the paper prints it.
+    pub paper: bool,
 }
 
 impl LightMemory {
@@ -71,7 +73,7 @@ impl LightMemory {
         let Self { known, small, balls } = self;
         let (_, world) = &**known.as_ref().expect("made above");
         let columns = shrink(&frame.buffer.colour, eye.size, small);
-        balls.clear();
+        balls.clear(controls.paper);
         DropLight {
             surroundings: Surroundings { eye, small, columns, world },
             balls,
@@ -179,12 +181,7 @@ impl DropLight<'_> {
         let even = 1.0 / (4.0 * std::f32::consts::PI);
         let Some(volume) = &self.maps.lightning else { return even };
         let Some(towards) = volume.directions.get(key) else { return even };
-        let at = (place - volume.origin_m) / volume.cell_m;
-        let node = |at: f64, count: usize| (at.max(0.0) as usize).min(count.saturating_sub(1));
-        let [nx, ny, nz] = volume.size;
-        let [x, y, z] = [node(at.x + 0.5, nx), node(at.y + 0.5, ny), node(at.z + 0.5, nz)];
-        let index = key * nx * ny * nz + (z * ny + y) * nx + x;
-        let sent_on = volume.harmonics.get(index).map_or(0.0, |harmonics| harmonics[0] * Y0);
+        let sent_on = volume.harmonics_at(key, place).map_or(0.0, |harmonics| harmonics[0] * Y0);
         scattered(direction, towards.as_vec3()) + sent_on.max(0.0)
     }
 
@@ -201,15 +198,15 @@ impl DropLight<'_> {
         let map = &maps[(0..3).fold(0, |best, band| if here[band] > here[best] { band } else { best })];
         let beside = |x: f64, y: f64| {
             let step = glam::DVec2::new(x, y) * map.cell_m;
-            map.at(at + step).filter(|value| *value > 0.0).unwrap_or(0.0)
+            map.between(at + step).filter(|value| *value > 0.0).unwrap_or(0.0)
         };
         let across = 2.0 * map.cell_m as f32 * here.max_element();
         let slopes =
             Vec3::new(beside(1.0, 0.0) - beside(-1.0, 0.0), beside(0.0, 1.0) - beside(0.0, -1.0), 0.0)
                 / across;
         let uphill = slopes.normalize_or_zero();
-        // Losses a little nearer to the lamp and a little farther off.
-        let step = UPHILL_M / map.cell_m;
+        // Losses a little nearer to the lamp and a little farther off: a cell at least, as between its middles a map has no bend.
+        let step = (UPHILL_M / map.cell_m).max(1.0);
         let [x, y] = [f64::from(uphill.x) * step, f64::from(uphill.y) * step];
         let [nearer, farther] = [beside(x, y), beside(-x, -y)];
         let most = here.max_element();
@@ -232,8 +229,9 @@ fn lamp_lean(loss: f32, height: f32, beyond: f32) -> f32 {
     // r/h, in a form that keeps its digits where the loss is small.
     let near = share / (1.0 + (1.0 - share * share).sqrt());
     let far = (1.0 / near.max(1e-3)).min(FARTHEST_LAMP);
-    // Where there is no loss there is no far lamp to be told from one overhead.
-    let far = if share < 0.05 { near } else { far };
+    // Where there is no loss there is no far lamp to be told from one overhead; it comes in by degrees, as a step would be seen.
+    let told = ((share - 0.03) / 0.07).clamp(0.0, 1.0);
+    let far = near + told * (far - near);
     0.5 * ((1.0 - beyond) * near + (1.0 + beyond) * far)
 }
 
@@ -269,6 +267,18 @@ mod tests {
         let loss = 3.0 * 9.0 / (16.0 + 81.0);
         assert!((lamp_lean(loss, 4.0, 1.0) - 2.25).abs() < 2e-3);
         assert!(lamp_lean(100.0, 5.0, 1.0) < 1e-3, "a step is no lamp");
+    }
+
+    #[test]
+    fn the_lean_of_a_lamp_has_no_step() {
+        /// The steepest of its slopes, at the smallest share that tells a far lamp, times the step.
+        const SLOPE: f32 = 80.0;
+        for beyond in [-1.0, 0.0, 1.0] {
+            for k in 0..2000 {
+                let [one, next] = [k, k + 1].map(|k| lamp_lean(k as f32 * 1e-3 / 5.0, 5.0, beyond));
+                assert!((one - next).abs() < SLOPE * 1e-3, "{beyond} {k} {one} {next}");
+            }
+        }
     }
 
     #[test]

@@ -24,12 +24,18 @@ pub struct Opacity {
     pub distance: f32,
     /// l_b, 1 without lightning.
     pub lightning_bias: f32,
+    /// The distance itself, m, where [`paper_opacity`] is asked for in place of all this.
+    pub paper_m: Option<f32>,
 }
 
 impl Opacity {
     /// α' = d_p α (e_s f + e_b)(1 − ½ sat(l_b − 1)), held to 0 to 1: `alpha` is the shape's own, `fresnel` the share reflected. \[toyshop\] §3.2, where
-    /// drops grow clearer as lightning strikes.
+    /// drops grow clearer as lightning strikes. With `paper_m` it is the print's, held to 0 to 1 as well: a picture has no other opacities.
     pub fn of(&self, alpha: f32, fresnel: f32) -> f32 {
+        if let Some(distance_m) = self.paper_m {
+            let edge = [self.edge_strength, self.edge_bias];
+            return paper_opacity(alpha, fresnel, edge, distance_m).clamp(0.0, 1.0);
+        }
         let clear = 1.0 - 0.5 * (self.lightning_bias - 1.0).clamp(0.0, 1.0);
         (self.distance * alpha * (self.edge_strength * fresnel + self.edge_bias) * clear).clamp(0.0, 1.0)
     }
@@ -64,7 +70,8 @@ mod tests {
 
     #[test]
     fn opacity_stays_an_opacity_and_leaves_the_artists_own_without_lightning() {
-        let plain = Opacity { edge_strength: 0.5, edge_bias: 0.5, distance: 1.0, lightning_bias: 1.0 };
+        let plain =
+            Opacity { edge_strength: 0.5, edge_bias: 0.5, distance: 1.0, lightning_bias: 1.0, paper_m: None };
         assert_eq!(plain.of(0.8, 0.2), 0.8 * 0.6);
         for bias in [1.0, 1.5, 2.0, 7.0] {
             for fresnel in [0.0, 0.02, 1.0] {
@@ -80,6 +87,15 @@ mod tests {
     #[test]
     fn the_papers_opacity_grows_with_distance_beyond_what_an_opacity_is() {
         assert!(paper_opacity(1.0, 0.02, [0.5, 0.5], 10.0) > 1.0);
+        let print = Opacity {
+            edge_strength: 0.5,
+            edge_bias: 0.5,
+            distance: 0.3,
+            lightning_bias: 1.0,
+            paper_m: Some(1.2),
+        };
+        assert_eq!(print.of(0.4, 0.2), paper_opacity(0.4, 0.2, [0.5, 0.5], 1.2));
+        assert_eq!(Opacity { paper_m: Some(10.0), ..print }.of(1.0, 0.2), 1.0);
         assert_eq!(distance_fade(3.0, 3.0), 0.5);
         assert!((0..100).all(|d| distance_fade(d as f32, 8.0) <= 1.0));
     }

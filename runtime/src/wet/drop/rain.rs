@@ -6,7 +6,7 @@
 use super::eye::Eye;
 use super::light::{DropLight, LightControls, LightMemory};
 use super::look::{Opacity, distance_fade, lightning_bias};
-use super::stamp::{Paint, Stamp, flatness, velocity_blur};
+use super::stamp::{Paint, Stamp, flatness, swing_rate, velocity_blur};
 use crate::error::RuntimeError;
 use crate::random::Random;
 use crate::wet::controls::controls;
@@ -26,6 +26,8 @@ controls! {
         exposure_ms: 4.0, 0.0..=1000.0, "ms", "";
         /// How much drops swing about the shape that they fall with.
         swing: 0.1, 0.0..=0.5, "", "";
+        /// Above ½ water looks as the paper prints it, a baseline: rays are bent once and don't come out again, opacity grows with the distance.
+        paper: 0.0, 0.0..=1.0, "", "";
         /// Opacity of the water.
         opacity: 1.0, 0.0..=1.0, "", "alpha";
         /// Opacity that reflecting edges add.
@@ -91,7 +93,7 @@ impl Drops {
     ///
     /// # Errors
     ///
-    /// Buffers of another size than the camera's, or numbers of the frame outside what effects take.
+    /// Buffers of another size than the camera's, numbers of the frame outside what effects take, or controls out of their ranges.
     pub fn draw(
         &mut self,
         frame: &WetFrame<'_>,
@@ -99,12 +101,14 @@ impl Drops {
         out: &mut Layer,
     ) -> Result<DropReport, RuntimeError> {
         super::check(frame)?;
+        controls.check()?;
         out.clear(frame.buffer.size);
         let eye = Eye::new(frame.camera);
         self.found.clear();
+        let fall = Fall::new(frame);
         for (class, drop) in frame.flux.iter().enumerate() {
             if drop.impacts_per_m2_s > 0.0 && drop.speed_m_per_s > 0.1 && drop.diameter_m > 0.0 {
-                self.find(frame, &eye, controls, (class as u64, drop));
+                self.find(frame, &eye, controls, (class as u64, drop, &fall));
             }
         }
         let mut report = DropReport::default();
@@ -112,7 +116,11 @@ impl Drops {
             return Ok(report);
         }
         self.found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let lights = LightControls { flash: controls.flash, lamp_height_m: controls.lamp_height_m };
+        let lights = LightControls {
+            flash: controls.flash,
+            lamp_height_m: controls.lamp_height_m,
+            paper: controls.paper > 0.5,
+        };
         let mut light = self.light.prepare(frame, &eye, &lights);
         for (_, close) in &mut self.found {
             let touched = paint(close, frame, &eye, controls, &mut light, out);
@@ -127,13 +135,12 @@ impl Drops {
         frame: &WetFrame<'_>,
         eye: &Eye,
         controls: &DropControls,
-        (class, drop): (u64, &DropFlux),
+        (class, drop, fall): (u64, &DropFlux, &Fall<'_>),
     ) {
         let width = drop.diameter_m as f32 * controls.size;
         let far = controls.far_m.min(width * eye.pixels_per_metre(1.0) / LEAST_PX);
         let velocity = DVec3::new(frame.wind.x, frame.wind.y, -drop.speed_m_per_s);
         let carried = velocity * frame.time_s;
-        let fall = Fall::new(frame);
         // The box around what the lens sees up to there, in the lattice.
         let [w, h] = eye.size.map(|n| n as f32);
         let corners = [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]];
@@ -195,8 +202,7 @@ fn paint(
         return 0;
     };
     let way = Vec2::new(to.x - from.x, from.y - to.y);
-    let turn =
-        close.random.range(0.0, std::f64::consts::TAU) + 2.0 * frame.time_s / (3e-2 * close.diameter_m * 1e3);
+    let turn = close.random.range(0.0, std::f64::consts::TAU) + swing_rate(close.diameter_m) * frame.time_s;
     let stretch = flatness(close.diameter_m) * (1.0 + controls.swing * libm::sin(turn) as f32);
     // As much water as a ball of the same diameter.
     let radius_m = 0.5 * close.diameter_m as f32 / libm::cbrtf(stretch);
@@ -211,6 +217,7 @@ fn paint(
         edge_bias: controls.edge_bias,
         distance: distance_fade(offset.length(), controls.half_distance_m),
         lightning_bias: lightning_bias(controls.contrast, frame.lightning),
+        paper_m: (controls.paper > 0.5).then(|| offset.length()),
     };
     let paint = Paint {
         ball: light.ball(&spot),
@@ -239,7 +246,7 @@ mod tests {
         let (eye, controls) =
             (Eye::new(&stage.camera), DropControls { far_m: 2.0, ..DropControls::default() });
         let mut drops = Drops::new();
-        drops.find(&stage.frame(2.2), &eye, &controls, (0, &stage.flux[0]));
+        drops.find(&stage.frame(2.2), &eye, &controls, (0, &stage.flux[0], &Fall::new(&stage.frame(2.2))));
         let inside = |close: &&(f32, Close)| {
             eye.see(eye.offset(close.1.place))
                 .is_some_and(|spot| spot.depth > 0.1 && eye.pixel(&spot).is_some())
@@ -257,7 +264,12 @@ mod tests {
             (Eye::new(&stage.camera), DropControls { size: 4.0, ..DropControls::default() });
         let places = |eye: &Eye, time: f64| {
             let mut drops = Drops::new();
-            drops.find(&stage.frame(time), eye, &controls, (1, &stage.flux[1]));
+            drops.find(
+                &stage.frame(time),
+                eye,
+                &controls,
+                (1, &stage.flux[1], &Fall::new(&stage.frame(time))),
+            );
             drops.found.iter().map(|close| close.1.place).collect::<Vec<_>>()
         };
         let near = |places: &[DVec3], at: DVec3| places.iter().any(|place| place.distance(at) < 1e-6);
@@ -276,7 +288,7 @@ mod tests {
         // The stage's sky is bright and its ground dark: a drop is bright below and dark above.
         let stage = stage();
         let eye = Eye::new(&stage.camera);
-        let lights = LightControls { flash: 1.0, lamp_height_m: 5.0 };
+        let lights = LightControls { flash: 1.0, lamp_height_m: 5.0, paper: false };
         let mut memory = LightMemory::default();
         let frame = stage.frame(0.0);
         let mut light = memory.prepare(&frame, &eye, &lights);

@@ -120,6 +120,16 @@ pub fn flatness(diameter_m: f64) -> f32 {
     (1.03 - 62.0 * diameter_m).clamp(0.4, 1.0) as f32
 }
 
+/// How fast a drop swings between long and flat, rad/s: the lowest note of a free ball of water, √(8σ/(ρR³)), Rayleigh 1879. `diameter_m` is 2R, m; below a hundredth of
+/// a millimetre it counts as that.
+pub fn swing_rate(diameter_m: f64) -> f64 {
+    /// Surface tension of water at 20 °C, N/m, and its density, kg/m³.
+    const TENSION: f64 = 0.0728;
+    const DENSITY: f64 = 1000.0;
+    let radius = 0.5 * diameter_m.max(1e-5);
+    (8.0 * TENSION / (DENSITY * radius * radius * radius)).sqrt()
+}
+
 /// Levels of blur for a way of so many widths: one for each doubling, as a picture's levels have.
 pub(crate) fn velocity_blur(way_px: f32, radius_px: f32) -> f32 {
     0.5 * libm::log2f(1.0 + way_px / (2.0 * radius_px).max(0.1))
@@ -154,6 +164,14 @@ mod tests {
         assert!((first + 0.8).abs() < 1e-6 && (last - 0.8).abs() < 1e-6, "all of the chord passes");
         assert_eq!(covered(0.3, 0.4, 0.0), Some((1.0, [0.4, 0.4])));
         assert_eq!(covered(1.0, 0.0, 5.0), None);
+    }
+
+    #[test]
+    fn drops_swing_at_rayleighs_note() {
+        // √(8 · .0728/(1000 · (2.5·10⁻³)³)) = 193.07 rad/s, 30.7 Hz.
+        assert!((swing_rate(5e-3) - 193.066).abs() < 1e-2, "{}", swing_rate(5e-3));
+        assert!((swing_rate(2e-3) / swing_rate(8e-3) - 8.0).abs() < 1e-12);
+        assert!(swing_rate(0.0).is_finite());
     }
 
     #[test]

@@ -97,3 +97,17 @@ fn a_light_behind_makes_a_brighter_halo_than_one_before() {
     };
     assert!(lit(1.0) > 2.0 * lit(-1.0));
 }
+
+#[test]
+fn mist_stands_as_high_as_droplets_are_on_the_mean() {
+    /// A rule of midpoints for a parabola.
+    const RULE: f64 = 1e-6;
+    let (speed, steps) = (1.7, 2000);
+    let flight = 2.0 * speed / GRAVITY;
+    let height = |k: u32| {
+        let t = (f64::from(k) + 0.5) / f64::from(steps) * flight;
+        speed * t - 0.5 * GRAVITY * t * t
+    };
+    let mean = (0..steps).map(height).sum::<f64>() / f64::from(steps);
+    assert!((mean_height_m(speed) / mean - 1.0).abs() < RULE);
+}

@@ -103,3 +103,20 @@ fn the_papers_coordinates_stand_still() {
     assert_eq!(paper_coordinates(Vec2::new(0.0, -4.0), 0.016, 1.0, 0.5), 4.0 * once);
     assert!(!paper_coordinates(Vec2::NEG_Y, 0.016, 1.0, 0.0).is_finite());
 }
+
+#[test]
+fn controls_out_of_their_ranges_are_refused() {
+    let (stage, mut layer) = (stage(), Layer::default());
+    for layers in [0.0, 40.0, f32::NAN] {
+        let controls = LayerControls { layers, ..LayerControls::default() };
+        assert!(Layers::new(5).draw(&stage.frame(1.0), &controls, &mut layer).is_err());
+    }
+}
+
+#[test]
+fn the_papers_water_looks_otherwise() {
+    let stage = stage();
+    let paper = draw(&stage, 3.0, &LayerControls { paper: 1.0, ..LayerControls::default() }).0;
+    assert!(paper.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)));
+    assert_ne!(paper, draw(&stage, 3.0, &LayerControls::default()).0);
+}

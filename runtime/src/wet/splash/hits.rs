@@ -77,11 +77,17 @@ pub(crate) struct Fall<'a> {
 }
 
 impl<'a> Fall<'a> {
+    /// Reads the whole height map where there is wind: once a frame and effect, not once a class of drops.
     pub fn new(frame: &WetFrame<'a>) -> Self {
         let height = frame.maps.height_m.as_ref();
-        let top = height
-            .map_or(f32::NEG_INFINITY, |map| map.values.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+        let still = frame.wind.truncate().length() == 0.0;
+        let top = height.filter(|_| !still).map_or(f32::INFINITY, |map| highest(&map.values));
         Self { wind: frame.wind, height, top }
+    }
+
+    /// What shelters.
+    pub fn map(&self) -> Option<&'a GroundMap> {
+        self.height
     }
 
     /// Whether something stands between a place and the rain that would fall on it at a speed, m/s. What is over a place that the frame shows
@@ -130,6 +136,19 @@ impl<'a> Fall<'a> {
         let across = self.wind.truncate().length() / drop.speed_m_per_s.max(1e-3);
         if axis == 2 { 1.0 + STEEPEST * across } else { across * (1.0 + STEEPEST) + STEEPEST }
     }
+}
+
+/// The largest of many values, those that are no number left out; −∞ of none. Sixteen at a time: a map has millions.
+fn highest(values: &[f32]) -> f32 {
+    let mut lanes = [f32::NEG_INFINITY; 16];
+    let whole = values.chunks_exact(16);
+    let rest = whole.remainder().iter().copied();
+    for chunk in whole {
+        for (most, value) in lanes.iter_mut().zip(chunk) {
+            *most = if *value > *most { *value } else { *most };
+        }
+    }
+    rest.chain(lanes).fold(f32::NEG_INFINITY, f32::max)
 }
 
 /// Which axis a normal faces most; floors before walls.
@@ -348,5 +367,21 @@ impl Column {
             }
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::highest;
+
+    #[test]
+    fn the_highest_of_a_map_is_found_wherever_it_lies_and_holes_are_none() {
+        for place in 0..53 {
+            let mut values = vec![f32::NAN; 53];
+            values[place] = 3.0;
+            values[(place + 20) % 53] = -7.0;
+            assert_eq!(highest(&values), 3.0);
+        }
+        assert_eq!(highest(&[]), f32::NEG_INFINITY);
     }
 }

@@ -51,8 +51,13 @@ pub(crate) struct Clip<'a> {
 }
 
 /// Which elevations a view lies between, and the share of the second.
+/// Sines of the elevations that pictures are made from.
+pub(crate) fn sines() -> [f32; VIEWS] {
+    ELEVATIONS.map(|degrees| libm::sinf(degrees.to_radians()))
+}
+
 pub(crate) fn between_views(sine: f32) -> (usize, f32) {
-    let sines = ELEVATIONS.map(|degrees| libm::sinf(degrees.to_radians()));
+    let sines = sines();
     let second = usize::from(sine > sines[1]);
     let share = (sine - sines[second]) / (sines[second + 1] - sines[second]);
     (second, share.clamp(0.0, 1.0))
