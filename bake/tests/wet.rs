@@ -247,3 +247,60 @@ fn what_cannot_be_done_is_refused_with_the_right_code_and_leaves_nothing() {
         assert!(!place.path("o.png").exists() && !place.path("o.txt").exists(), "{words}");
     }
 }
+
+#[test]
+fn resumed_frames_are_made_again_where_the_first_frame_or_the_panorama_was_changed() {
+    let place = Place::new();
+    let kept = |words: &str| place.answer(words)["kept"].as_u64().unwrap();
+    let panorama = |value: f32| {
+        let channel = |name: &str| (name.to_owned(), ChannelValues::Floats(vec![value; 16 * 8]));
+        let bytes = encode_layers((16, 8), ["R", "G", "B"].map(channel).to_vec(), None).unwrap();
+        std::fs::write(place.path("sky.exr"), bytes).unwrap();
+    };
+    panorama(0.3);
+    let words = "s.####.exr --rate 25 --environment sky.exr -o e/f.####.png --resume";
+    assert_eq!((kept(words), kept(words)), (0, 3));
+    panorama(0.4);
+    assert_eq!((kept(words), kept(words)), (0, 3));
+    // Light and exposure of all frames are the first one's.
+    let words = "s.####.exr --rate 25 -o f/f.####.png --resume";
+    assert_eq!((kept(words), kept(words)), (0, 3));
+    let mut brighter = channels(10.0);
+    for (name, values) in &mut brighter {
+        if let (true, ChannelValues::Floats(values)) = (name.len() == 1 && name != "Z", values) {
+            values.iter_mut().for_each(|value| *value *= 3.0);
+        }
+    }
+    let bytes = encode_seen_layers(SIZE, brighter, (None, Some(&camera()))).unwrap();
+    std::fs::write(place.path("s.0000.exr"), bytes).unwrap();
+    assert_eq!((kept(words), kept(words)), (0, 3));
+}
+
+#[test]
+fn what_is_said_counts_though_it_is_usual_and_what_changes_nothing_is_noted() {
+    let place = Place::new();
+    let picture = |set: &str| {
+        place.answer(&format!("g.exr --rate 25 --only lightning --lightning 1,0 {set} -o l.exr"));
+        place.read("l.exr")
+    };
+    let (unsaid, usual) = (picture(""), picture("--set lightning.flash=10"));
+    assert_ne!(unsaid, usual);
+    let names = |answer: &Value, of: &str| -> Vec<String> {
+        let all = answer[of].as_array().unwrap().iter();
+        all.map(|value| value["effect"].as_str().or(value.as_str()).unwrap().to_owned()).collect()
+    };
+    let off = place.answer("g.exr --rate 25 --set drops.flash=2 -o o.exr");
+    assert!(names(&off, "notes").iter().any(|note| note.contains("drops is off")), "{off}");
+    let on = place.answer("g.exr --rate 25 --with drops,layers --set drops.flash=2 -o o.exr");
+    assert!(!names(&on, "notes").iter().any(|note| note.contains("is off")), "{on}");
+    for name in ["surface", "drops", "layers"] {
+        assert!(names(&on, "effects").contains(&name.to_owned()), "{on}");
+    }
+    assert_eq!(place.wet("g.exr --rate 25 --with drops --without drops -o o.exr").0, 2);
+    assert_eq!(place.wet("g.exr --rate 25 --with drops --only rain -o o.exr").0, 2);
+    let listed = place.answer("--list");
+    for effect in listed["effects"].as_array().unwrap() {
+        let off = ["drops", "layers"].contains(&effect["effect"].as_str().unwrap());
+        assert_eq!(effect["on"].as_bool(), Some(!off), "{effect}");
+    }
+}

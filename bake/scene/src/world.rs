@@ -106,7 +106,7 @@ impl World {
     pub fn off(place: Vec3, normal: Vec3) -> Vec3 {
         /// Round-off of places in single precision, relative, several times over.
         const SHARE: f32 = 4e-6;
-        /// Half a millimetre: nearer than any two surfaces that are to be told apart.
+        /// A fifth of a millimetre: nearer than any two surfaces that are to be told apart.
         const LEAST: f32 = 2e-4;
         place + normal * (LEAST + SHARE * place.abs().max_element())
     }

@@ -56,6 +56,9 @@ pub struct Args {
     /// Effects to draw, and no others: --list has their names.
     #[arg(long, value_name = "EFFECT,…", value_delimiter = ',', value_parser = effect, conflicts_with = "without")]
     only: Vec<Effect>,
+    /// Effects to draw beside those that are on: drops and layers are off unless a view or this asks for them.
+    #[arg(long = "with", value_name = "EFFECT,…", value_delimiter = ',', value_parser = effect, conflicts_with = "only")]
+    beside: Vec<Effect>,
     /// Effects to leave out.
     #[arg(long, value_name = "EFFECT,…", value_delimiter = ',', value_parser = effect)]
     without: Vec<Effect>,
@@ -179,6 +182,9 @@ impl Args {
                 json::usage("--stops brightens a .png; an .exr holds light as it is");
             }
         }
+        if let Some(effect) = self.beside.iter().find(|effect| self.without.contains(effect)) {
+            json::usage(&format!("{}: --with turns it on, --without off; wanted one of them", effect.name()));
+        }
         for (at, (role, _)) in self.named.iter().enumerate() {
             if self.named[..at].iter().any(|(other, _)| other == role) {
                 json::usage(&format!("--layer {}: wanted every buffer once, found twice", role.name()));
@@ -207,11 +213,29 @@ impl Args {
         for setting in &self.settings {
             settings.set(setting.effect, setting.control, setting.value)?;
         }
+        self.beside.iter().for_each(|effect| settings.turn(*effect, true));
         if !self.only.is_empty() {
             settings.only(&self.only);
         }
         self.without.iter().for_each(|effect| settings.turn(*effect, false));
         Ok(settings)
+    }
+}
+
+impl Args {
+    /// What was set of effects that are off: each once.
+    fn unheard(&self, settings: &WetSettings) -> Vec<String> {
+        let mut off: Vec<Effect> = Vec::new();
+        for setting in &self.settings {
+            if !settings.is_on(setting.effect) && !off.contains(&setting.effect) {
+                off.push(setting.effect);
+            }
+        }
+        let note = |effect: Effect| {
+            let name = effect.name();
+            format!("--set {name}.… changes nothing: {name} is off (--with {name} turns it on)")
+        };
+        off.into_iter().map(note).collect()
     }
 }
 
@@ -266,7 +290,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let sequence = Sequence::of(&args, (gbuffer, out), (rate, view.as_ref()))?;
     let asset_bytes = asset.as_ref().map_or(&b""[..], Asset::bytes);
     let maps = asset.as_ref().map_or_else(|| Ok(WetMaps::default()), WetMaps::of)?;
-    let made = sequence.run((&mut renderer, &settings), &reading, (asset_bytes, &maps), &bars)?;
+    let mut made = sequence.run((&mut renderer, &settings), &reading, (asset_bytes, &maps), &bars)?;
+    made.notes.splice(0..0, args.unheard(&settings));
     for note in &made.notes {
         bars.say(&format!("note: {note}"));
     }

@@ -197,7 +197,7 @@ pub fn read_gbuffer(input: &Input, reading: &Reading) -> Result<TakenBuffer, Bak
     Ok(TakenBuffer { buffer, camera, camera_from, writer, found, notes })
 }
 
-/// Whether `left` of a file is what its writer's world says.
+/// The camera that was given, at the picture's size, or the file's own; and where it is from. Errors: one of another shape; none.
 fn camera_for(
     contents: &Contents<'_>,
     reading: &Reading,

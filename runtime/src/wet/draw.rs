@@ -23,7 +23,8 @@ use super::layers::Layers;
 use super::ripples::DropFlux;
 use super::splash::Splashes;
 use super::splatter::Splatters;
-use super::surface::{Surface, lightning};
+use super::surface::Surface;
+use super::surface::lightning::Lightning;
 use crate::depth::{DepthBuffer, DepthHoles, DepthKind};
 use crate::error::RuntimeError;
 use crate::frame_rain::{FrameRain, FrameRainSettings, TakenFrame};
@@ -101,6 +102,7 @@ pub struct WetReport {
 /// # Ok::<(), squall_runtime::RuntimeError>(())
 /// ```
 pub struct WetRenderer {
+    lightning: Lightning,
     surface: Surface,
     splatters: Splatters,
     splashes: Splashes,
@@ -134,6 +136,7 @@ impl WetRenderer {
 
     fn of(rain: FrameRain) -> Result<Self, RuntimeError> {
         Ok(Self {
+            lightning: Lightning::new(),
             surface: Surface::new(0)?,
             splatters: Splatters::new(),
             splashes: Splashes::new(),
@@ -220,7 +223,7 @@ impl WetRenderer {
         // What is drawn over the frame looks at it as it is by then.
         let frame = &WetFrame { buffer: &self.lit, ..*frame };
         Ok(match effect {
-            Effect::Lightning => lightning::draw(frame, &settings.lightning, layer)?.pixels,
+            Effect::Lightning => self.lightning.draw(frame, &settings.lightning, layer)?.pixels,
             Effect::Surface => self.surface.draw(frame, &settings.surface, layer)?.wet,
             Effect::Splatters => self.splatters.draw(frame, &settings.splatters, layer)?.rings as usize,
             Effect::Splashes => self.splashes.draw(frame, &settings.splashes, layer)?.splashes as usize,

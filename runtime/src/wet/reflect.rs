@@ -61,7 +61,7 @@ pub struct Mirrored {
 /// A ray's end and its direction.
 type Ended = (End, Vec3);
 
-/// Fresnel's reflection by the cosine, from a table of a hundred steps: within 10⁻³.
+/// Fresnel's reflection by the cosine, from a table of 256 steps: within 10⁻³.
 pub struct FresnelTable([f32; FresnelTable::STEPS + 1]);
 
 impl FresnelTable {

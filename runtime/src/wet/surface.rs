@@ -23,6 +23,7 @@ use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::material::{Material, Wetness, WetnessRates};
 use crate::wet::puddle::RippleLookup;
 use crate::wet::ripples::RippleSettings;
+use crate::wet::splash::hits::Fall;
 use crate::world::{InScattering, WorldLight};
 use glam::{DVec3, Vec3};
 use puddles::Hollows;
@@ -135,15 +136,18 @@ const MEAN_REFLECTION: f32 = 0.066_405_8;
 
 /// A pixel's light when its surface is as wet as `pixel` says. Linear in colour, emission and mirrored light; of dry ones nothing changes.
 ///
-/// A film at an angle at which it reflects F lets (1 − F)/(1 − F̄) of the mean out, F̄ the mean over all angles, which wet albedo has in it.
+/// A film at an angle at which it reflects F lets (1 − F)/(1 − s F̄) of the mean out: F̄ is the mean over all angles, and s the porosity times the
+/// wetness, as wet albedo has F̄ in it to that share. On a smooth surface, and on one that is black to diffuse light, 1 − F is left.
 pub fn wet_surface(pixel: &SurfacePixel, light: &SurfaceLight) -> WetPixel {
     let wet = pixel.material.wet(pixel.wetness);
     let film = pixel.film.clamp(0.0, 1.0);
-    let out = 1.0 - film + film * (1.0 - light.fresnel) / (1.0 - MEAN_REFLECTION);
+    let soaked = pixel.material.porosity.clamp(0.0, 1.0) * pixel.wetness.share.clamp(0.0, 1.0);
+    let out = |soaked: f32| 1.0 - film + film * (1.0 - light.fresnel) / (1.0 - soaked * MEAN_REFLECTION);
     let kept = std::array::from_fn(|band| {
         let dry = pixel.material.albedo[band].max(DARKEST);
-        let wet = if wet.albedo[band] > DARKEST { wet.albedo[band] / dry } else { 1.0 };
-        (wet * out).min(1.0)
+        let (wet, soaked) =
+            if wet.albedo[band] > DARKEST { (wet.albedo[band] / dry, soaked) } else { (1.0, 0.0) };
+        (wet * out(soaked)).min(1.0)
     });
     WetPixel { kept, mirrored: light.mirrored.map(|value| value * film) }
 }
@@ -316,7 +320,10 @@ impl Surface {
             table[low] + (at - low as f32) * (table[low + 1] - table[low])
         };
         let full = (frame.rate_mm_per_h * rained / 3600.0 / f64::from(controls.fills)).min(1.0) as f32;
-        let falls = falls(frame);
+        let (falls, speed) = falls(frame);
+        let fall = Fall::new(frame);
+        let calm = fall.calm();
+        self.hollows.know(frame.maps.water_m.as_ref());
         let (width, hollows) = (buffer.size[0], &self.hollows);
         let row = |(y, states): (usize, &mut [State])| {
             for (x, state) in states.iter_mut().enumerate() {
@@ -327,17 +334,17 @@ impl Surface {
                     continue;
                 }
                 let Some(normal) = buffer.unit_normal(at) else { continue };
-                // Rain on a slope falls on more or less of it; walls get what runs down.
-                let share = (-normal.dot(falls)).max(controls.walls * (1.0 - normal.z.abs()));
                 let place = view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
-                let dry = overhead(frame, place);
-                state.wetness = wetness(share * open * dry);
+                let before = fall.before(place, normal);
+                // Rain on a slope falls on more or less of it; walls get what runs down, in the lee too.
+                let met = -normal.dot(falls);
+                let met = if met > 0.0 && !fall.sheltered(before, speed) { met } else { 0.0 };
+                let runs = controls.walls * (1.0 - normal.z.abs());
+                let runs = if runs > met && !calm.sheltered(before, speed) { runs } else { 0.0 };
+                state.wetness = wetness(met.max(runs) * open);
                 if state.wetness > 0.0 {
-                    let water = hollows.depth_m(
-                        (place.truncate(), normal),
-                        (frame.maps, full * open * dry),
-                        controls,
-                    );
+                    let water =
+                        hollows.depth_m((place.truncate(), normal), (frame.maps, full * open), controls);
                     state.puddle = (water * controls.influence).clamp(0.0, 1.0);
                 }
             }
@@ -348,23 +355,15 @@ impl Surface {
     }
 }
 
-/// Rain's way down over its speed down: on level ground its product with the normal is −1.
-fn falls(frame: &WetFrame<'_>) -> Vec3 {
+/// Rain's way down over its speed down, so that on level ground its product with the normal is −1; and that speed, m/s.
+fn falls(frame: &WetFrame<'_>) -> (Vec3, f64) {
     let (sum, weight) = frame.flux.iter().fold((0.0, 0.0), |(sum, weight), flux| {
         let volume = flux.diameter_m * flux.diameter_m * flux.diameter_m * flux.impacts_per_m2_s;
         (sum + volume * flux.speed_m_per_s, weight + volume)
     });
     let speed = if weight > 0.0 { sum / weight } else { 6.0 };
     let way = DVec3::new(frame.wind.x, frame.wind.y, -speed.max(0.1));
-    (way / -way.z).as_vec3()
-}
-
-/// Share of the rain that reaches a place: none under what the height map has above it.
-fn overhead(frame: &WetFrame<'_>, place: DVec3) -> f32 {
-    /// Height maps are means over cells: what is less above a place is the place itself, m.
-    const ROOF_M: f64 = 1.0;
-    let map = frame.maps.height_m.as_ref().and_then(|map| map.at(place.truncate()));
-    map.map_or(1.0, |height| if f64::from(height) > place.z + ROOF_M { 0.0 } else { 1.0 })
+    ((way / -way.z).as_vec3(), -way.z)
 }
 
 #[cfg(test)]

@@ -85,8 +85,8 @@ struct Shared {
 /// Irradiance of a flash at its brightest, times the exposure, where nobody says another: white ground would show it as 4/π, beyond white, grey ground
 /// as two thirds of it.
 const FLASH_EXPOSED: f32 = 4.0;
-/// Names of controls that say it.
-const FLASHES: [&str; 2] = ["strength", "flash"];
+/// Name of the controls that say it.
+const FLASH: &str = "flash";
 
 impl Sequence {
     /// Finds the frames and tries their places.
@@ -175,16 +175,8 @@ impl Sequence {
         bars.begin("frames", count as u64);
         let flux = flux_of(MillimetresPerHour(self.rate));
         let said = format!(
-            "{reading:?} {} {:?} {} {:?} {:?} {:?} {} {} {:?}",
-            self.rate,
-            self.wind,
-            self.seed,
-            self.lightning,
-            self.environment,
-            self.tone,
-            self.stops,
-            self.layers,
-            self.format
+            "{reading:?} {} {:?} {} {:?} {:?} {} {} {:?}",
+            self.rate, self.wind, self.seed, self.lightning, self.tone, self.stops, self.layers, self.format
         );
         let mut taken: Option<(PathBuf, TakenBuffer)> = None;
         for number in 0..count {
@@ -234,27 +226,30 @@ impl Sequence {
         (taken, shared, made): (&mut Option<(PathBuf, TakenBuffer)>, &mut Option<Shared>, &mut Made),
     ) -> anyhow::Result<()> {
         let input = picture_file(&step.input)?;
-        let mark = Mark::of((&input, asset), settings, &format!("{said} {}", step.time_s));
-        // The first frame's light is the whole sequence's: it is read whatever is there.
-        if self.resume && shared.is_some() && mark.is_on(&step.out) {
-            made.kept += 1;
-            return Ok(());
-        }
-        if taken.as_ref().is_none_or(|(path, _)| *path != step.input) {
-            *taken = Some((step.input.clone(), read_gbuffer(&input, reading)?));
-        }
-        let Some((_, buffers)) = taken.as_ref() else { return Ok(()) };
+        let read = |taken: &mut Option<(PathBuf, TakenBuffer)>| -> Result<(), BakeError> {
+            if taken.as_ref().is_none_or(|(path, _)| *path != step.input) {
+                *taken = Some((step.input.clone(), read_gbuffer(&input, reading)?));
+            }
+            Ok(())
+        };
+        // The first frame's light is the whole sequence's: it is read whatever is there, and every mark holds what came of it.
         if shared.is_none() {
+            read(taken)?;
+            let Some((_, buffers)) = taken.as_ref() else { return Ok(()) };
             *shared = Some(self.shared(buffers, settings)?);
             made.found.clone_from(&buffers.found);
             made.notes.clone_from(&buffers.notes);
             (made.writer, made.camera_from) = (Some(buffers.writer.name()), Some(buffers.camera_from));
         }
         let Some(all) = shared.as_ref() else { return Ok(()) };
+        let light = format!("{said} {} {:?} {:?}", step.time_s, all.light, all.tone);
+        let mark = Mark::of((&input, asset), &all.settings, &light);
         if self.resume && mark.is_on(&step.out) {
             made.kept += 1;
             return Ok(());
         }
+        read(taken)?;
+        let Some((_, buffers)) = taken.as_ref() else { return Ok(()) };
         let frame = WetFrame {
             buffer: &buffers.buffer,
             camera: &buffers.camera,
@@ -291,12 +286,10 @@ impl Sequence {
         // A flash is as bright as the frame can show, in whatever unit its light is.
         let mut settings = given.clone();
         let most = (FLASH_EXPOSED / tone.exposure).clamp(0.0, 1e6);
-        for effect in Effect::ALL.into_iter().filter(|effect| *effect != Effect::Glow) {
-            for parameter in effect.parameters().iter().filter(|parameter| FLASHES.contains(&parameter.name))
-            {
-                if given.get(effect, parameter.name) == Some(parameter.usual) {
-                    settings.set(effect, parameter.name, most)?;
-                }
+        for effect in Effect::ALL {
+            let has = effect.parameters().iter().any(|parameter| parameter.name == FLASH);
+            if has && !given.is_said(effect, FLASH) {
+                settings.set(effect, FLASH, most)?;
             }
         }
         Ok(Shared { light, tone: tone.brighter(self.stops), settings })

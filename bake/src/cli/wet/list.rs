@@ -44,7 +44,8 @@ pub fn print(as_json: bool) -> anyhow::Result<()> {
         return json::answer(&json!({ "command": "wet", "tool": tool(), "effects": effects }));
     }
     for effect in Effect::ALL {
-        say!("{}: {} [paper: {}]", effect.name(), effect.says(), effect.section());
+        let off = if is_on(effect) { "" } else { " (off; --with turns it on)" };
+        say!("{}{off}: {} [paper: {}]", effect.name(), effect.says(), effect.section());
         let columns = [
             Column::left("  control"),
             Column::left("unit"),
@@ -71,6 +72,11 @@ pub fn print(as_json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Whether it is drawn where nobody says a word.
+fn is_on(effect: Effect) -> bool {
+    !WetSettings::OFF.contains(&effect)
+}
+
 fn dash(text: &str) -> String {
     if text.is_empty() { "–".to_owned() } else { text.to_owned() }
 }
@@ -90,7 +96,13 @@ fn effect_value(effect: Effect) -> Value {
             })
         })
         .collect();
-    json!({ "effect": effect.name(), "says": effect.says(), "section": effect.section(), "controls": controls })
+    json!({
+        "effect": effect.name(),
+        "on": is_on(effect),
+        "says": effect.says(),
+        "section": effect.section(),
+        "controls": controls,
+    })
 }
 
 #[cfg(test)]

@@ -217,7 +217,7 @@ fn asked<'a>(contents: &'a Contents<'_>, role: Role, name: &str) -> Result<Found
     Ok(Found { role, name: name.to_owned(), channels })
 }
 
-/// Every buffer that the file has, and what is worth knowing of the choice. `named` are layers that somebody named; an empty name is none.
+/// Every buffer that the file has, and what is worth knowing of the choice. `named` are layers that somebody named; the name `none` leaves a buffer out.
 ///
 /// Errors: a named layer that is not there, or has not the channels; no colour.
 pub fn choose<'a>(

@@ -184,7 +184,8 @@ pub fn depth_of_places(
         }
     }
     if 2 * best.1 < tried {
-        let wanted = "places that the camera sees in their own pixels (another --up, --left-handed, --unit-m or --camera?)";
+        let wanted =
+            "places that the camera sees in their own pixels (another --up, --hand, --unit-m or --camera?)";
         let found = format!("{} of {tried} looked at", best.1);
         return Err(BakeError::input(path, "position", wanted, found));
     }

@@ -68,13 +68,14 @@ macro_rules! effects {
         #[derive(Clone, Debug, PartialEq)]
         pub struct WetSettings {
             off: Vec<Effect>,
+            said: Vec<(Effect, &'static str)>,
             $($(#[doc = $about])+ pub $field: $controls,)+
         }
 
         impl Default for WetSettings {
-            /// Every effect but drops close to the lens, with its usual controls.
+            /// Every effect but [`WetSettings::OFF`], with its usual controls; no control counts as said.
             fn default() -> Self {
-                Self { off: vec![Effect::Drops, Effect::Layers], $($field: $controls::default(),)+ }
+                Self { off: Self::OFF.to_vec(), said: Vec::new(), $($field: $controls::default(),)+ }
             }
         }
 
@@ -84,11 +85,16 @@ macro_rules! effects {
                 match effect { $(Effect::$variant => self.$field.get(name),)+ }
             }
 
-            /// Sets an effect's control.
+            /// Sets an effect's control, which counts as said from then on.
             ///
             /// Errors: no control of that name; a value out of its range.
             pub fn set(&mut self, effect: Effect, name: &str, value: f32) -> Result<(), RuntimeError> {
-                match effect { $(Effect::$variant => self.$field.set(name, value),)+ }
+                match effect { $(Effect::$variant => self.$field.set(name, value)?,)+ }
+                let known = effect.parameters().iter().find(|parameter| parameter.name == name);
+                if let Some(known) = known.filter(|known| !self.is_said(effect, known.name)) {
+                    self.said.push((effect, known.name));
+                }
+                Ok(())
             }
         }
     };
@@ -130,6 +136,14 @@ impl Effect {
 }
 
 impl WetSettings {
+    /// Effects that are off unless they are asked for.
+    pub const OFF: [Effect; 2] = [Effect::Drops, Effect::Layers];
+
+    /// Whether [`Self::set`] has set a control, to whatever value: its usual one counts as well.
+    pub fn is_said(&self, effect: Effect, name: &str) -> bool {
+        self.said.iter().any(|(other, said)| *other == effect && *said == name)
+    }
+
     /// What a view says of the effects; what it doesn't name is as usual.
     ///
     /// Errors: an effect or control that this build doesn't know; a value out of its range.

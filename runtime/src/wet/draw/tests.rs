@@ -1,6 +1,7 @@
 use super::*;
 use crate::camera::Camera;
 use crate::wet::maps::WetMaps;
+use crate::wet::surface::lightning::LightningControls;
 use crate::world::WorldLight;
 use squall_formats::units::Degrees;
 
@@ -125,6 +126,13 @@ fn settings_are_found_by_name_and_held_to_their_ranges() {
     settings.set(Effect::Surface, "puddles", 0.5).unwrap();
     assert_eq!(settings.get(Effect::Surface, "puddles"), Some(0.5));
     assert!(settings.set(Effect::Surface, "puddles", 1.5).is_err());
+    // What is said is said, though it is the usual value.
+    settings.set(Effect::Lightning, "flash", LightningControls::default().flash).unwrap();
+    assert!(settings.is_said(Effect::Lightning, "flash") && settings.is_said(Effect::Surface, "puddles"));
+    assert!(
+        !settings.is_said(Effect::Splashes, "flash")
+            && !WetSettings::default().is_said(Effect::Surface, "puddles")
+    );
     assert!(settings.set(Effect::Glow, "puddles", 0.5).is_err());
     settings.glow.mist = f32::NAN;
     assert!(settings.check().is_err());
@@ -151,4 +159,20 @@ fn a_views_effects_are_the_settings_and_unknown_names_are_refused() {
     for (effect, name, value) in [("snow", "mist", 1.0), ("glow", "snow", 1.0), ("glow", "mist", -1.0)] {
         assert!(said(effect, name, value).is_err());
     }
+}
+
+#[test]
+fn lightnings_brightness_has_one_name_and_one_usual_value_in_every_effect() {
+    let mut found = 0;
+    for effect in Effect::ALL {
+        for parameter in effect.parameters().iter().filter(|parameter| parameter.name == "flash") {
+            let lightning = LightningControls::default().flash;
+            assert_eq!((parameter.usual, parameter.unit), (lightning, "W/m2"), "{}", effect.name());
+            assert_eq!(parameter.range, [0.0, 1e6]);
+            found += 1;
+        }
+        let named = effect.parameters().iter().any(|parameter| parameter.name == "strength");
+        assert!(!named || effect == Effect::Glow, "{}", effect.name());
+    }
+    assert!(found >= 6, "{found}");
 }

@@ -90,6 +90,19 @@ impl<'a> Fall<'a> {
         self.height
     }
 
+    /// The same under rain that falls straight down.
+    pub fn calm(&self) -> Self {
+        Self { wind: DVec3::ZERO, ..*self }
+    }
+
+    /// Where to ask of a surface whether it is sheltered: so far out along its normal that no cell of the height map which holds the surface
+    /// itself, up to a wall's parapet or a roof's higher side, lies over it.
+    pub fn before(&self, place: DVec3, normal: Vec3) -> DVec3 {
+        let Some(map) = self.height else { return place };
+        let out = map.cell_m * f64::from(normal.x.abs() + normal.y.abs()) * 1.01;
+        place + normal.as_dvec3() * out
+    }
+
     /// Whether something stands between a place and the rain that would fall on it at a speed, m/s. What is over a place that the frame shows
     /// is a lid: rain that wind drives comes in under its edge.
     pub fn sheltered(&self, place: DVec3, speed: f64) -> bool {

@@ -5,19 +5,18 @@
 
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
-use crate::shade::sky::harmonics::irradiance_from;
 use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::maps::{GroundMap, LightningVolume};
 use crate::wet::reflect::view::View;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 controls! {
     /// How lightning lights surfaces.
     pub struct LightningControls {
-        /// Irradiance of a flash at its brightest across its beam, in the buffers' unit of light: π of it on white ground shows as 1.
-        strength: 20.0, 0.0..=1e9, "", "L1, L2";
+        /// Irradiance of lightning at its brightest, across its beam, in the buffers' unit: π of it on white ground shows as 1.
+        flash: 10.0, 0.0..=1e6, "W/m2", "L1, L2";
         /// Red of its colour.
         red: 0.78, 0.0..=4.0, "", "";
         /// Green of its colour.
@@ -31,8 +30,14 @@ controls! {
     }
 }
 
-/// Steps of a shadow's ray over the height map at most.
-const SHADOW_STEPS: usize = 96;
+/// Cells along a side of the height map's blocks, whose highest points shadows' rays pass over in one step.
+const BLOCK: usize = 16;
+/// Share of a cell by which a ray is put beyond the border of what it has left.
+const BEYOND: f64 = 1e-4;
+/// A light this close to straight above casts its shadows within a cell: the tangent of its angle.
+const STRAIGHT: f64 = 1e-3;
+/// What lies this far below the uppermost point of its cell, m, is under a roof to a light from straight above.
+const UNDER_M: f64 = 0.3;
 
 /// What was lit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,10 +46,33 @@ pub struct LightningReport {
     pub pixels: usize,
 }
 
-/// Draws the light of both flashes; nothing where both are 0.
-///
-/// Errors: buffers of another size than the camera's; intensities that are no numbers of 0 or more; a volume with other directions than the two.
-pub fn draw(
+/// Lightning of frames; keeps memory between them.
+#[derive(Default)]
+pub struct Lightning {
+    blocks: Vec<f32>,
+}
+
+impl Lightning {
+    /// Nothing kept yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Draws the light of both flashes; nothing where both are 0.
+    ///
+    /// Errors: buffers of another size than the camera's; intensities that are no numbers of 0 or more; a volume with other directions than the two.
+    pub fn draw(
+        &mut self,
+        frame: &WetFrame<'_>,
+        controls: &LightningControls,
+        out: &mut Layer,
+    ) -> Result<LightningReport, RuntimeError> {
+        draw(&mut self.blocks, frame, controls, out)
+    }
+}
+
+fn draw(
+    blocks: &mut Vec<f32>,
     frame: &WetFrame<'_>,
     controls: &LightningControls,
     out: &mut Layer,
@@ -59,13 +87,12 @@ pub fn draw(
             format!("{:?}", frame.lightning),
         ));
     }
-    if frame.lightning == [0.0; 2] || controls.strength == 0.0 {
+    if frame.lightning == [0.0; 2] || controls.flash == 0.0 {
         return Ok(LightningReport::default());
     }
-    let light = Light::of(frame)?;
+    let light = Light::of(frame, blocks)?;
     let view = View::new(frame.camera);
-    let colour =
-        [controls.red, controls.green, controls.blue].map(|band| band * controls.strength * FRAC_1_PI);
+    let colour = [controls.red, controls.green, controls.blue].map(|band| band * controls.flash * FRAC_1_PI);
     let width = buffer.size[0];
     let row = |(y, row): (usize, &mut [[f32; 3]])| {
         let mut lit = 0;
@@ -87,27 +114,21 @@ pub fn draw(
     Ok(LightningReport { pixels })
 }
 
-/// Both flashes, mixed.
+/// Both flashes.
 struct Light<'a> {
-    volume: Option<Mixed<'a>>,
-    beams: Vec<(DVec3, f32)>,
-    heights: Option<&'a GroundMap>,
+    volume: Option<&'a LightningVolume>,
+    /// Those that shine: number, direction towards it, intensity.
+    beams: [Option<(usize, DVec3, f32)>; 2],
+    heights: Option<Heights<'a>>,
     /// Of both, where nothing was baked.
     sum: f32,
 }
 
-/// A volume's harmonics with both intensities in them.
-struct Mixed<'a> {
-    of: &'a LightningVolume,
-    nodes: Vec<[f32; 9]>,
-}
-
 impl<'a> Light<'a> {
-    fn of(frame: &WetFrame<'a>) -> Result<Self, RuntimeError> {
+    fn of(frame: &WetFrame<'a>, blocks: &'a mut Vec<f32>) -> Result<Self, RuntimeError> {
         let sum = frame.lightning.iter().sum();
-        let heights = frame.maps.height_m.as_ref();
         let Some(volume) = &frame.maps.lightning else {
-            return Ok(Self { volume: None, beams: Vec::new(), heights, sum });
+            return Ok(Self { volume: None, beams: [None; 2], heights: None, sum });
         };
         let count = volume.size.iter().product::<usize>();
         if volume.directions.len() != 2 || volume.harmonics.len() != 2 * count || count == 0 {
@@ -115,77 +136,124 @@ impl<'a> Light<'a> {
             let wanted = format!("two key directions of {count} nodes each");
             return Err(RuntimeError::argument("lightning volume", wanted, found));
         }
-        let nodes = (0..count).map(|node| {
-            std::array::from_fn(|i| {
-                let of = |key: usize| frame.lightning[key] * volume.harmonics[key * count + node][i];
-                of(0) + of(1)
-            })
+        let beams = std::array::from_fn(|key| {
+            let intensity = frame.lightning[key];
+            (intensity > 0.0).then(|| (key, volume.directions[key], intensity))
         });
-        let beams = volume.directions.iter().zip(frame.lightning);
-        let beams =
-            beams.filter(|(_, intensity)| *intensity > 0.0).map(|(towards, intensity)| (*towards, intensity));
-        Ok(Self {
-            volume: Some(Mixed { of: volume, nodes: nodes.collect() }),
-            beams: beams.collect(),
-            heights,
-            sum,
-        })
+        let heights = frame.maps.height_m.as_ref().map(|map| Heights::of(map, blocks));
+        Ok(Self { volume: Some(volume), beams, heights, sum })
     }
 
     /// Irradiance at a place, over that of a beam of intensity 1.
     fn irradiance(&self, place: DVec3, normal: Vec3, shadows: f32) -> f32 {
-        let Some(volume) = &self.volume else {
+        let Some(volume) = self.volume else {
             // Half of an even hemisphere is behind an upright wall.
             return self.sum * 0.5 * (1.0 + normal.z);
         };
-        let around = volume.at(place + normal.as_dvec3() * (0.5 * volume.of.cell_m));
-        let harmonics = around.map(|value| [value; 3]);
-        let mut sum = irradiance_from(&harmonics, normal)[0].max(0.0);
-        for (towards, intensity) in &self.beams {
+        let around = place + normal.as_dvec3() * (0.5 * volume.cell_m);
+        let mut sum = 0.0;
+        for (key, towards, intensity) in self.beams.iter().flatten() {
+            sum += intensity * volume.irradiance(*key, around, normal).unwrap_or(0.0);
             let cosine = normal.dot(towards.as_vec3());
-            if cosine > 0.0 && !self.is_shaded(place, *towards, shadows) {
+            let reach = f64::from(shadows);
+            let shades = |heights: &Heights<'_>| heights.shade((place, normal), *towards, reach);
+            if cosine > 0.0 && !self.heights.as_ref().is_some_and(shades) {
                 sum += intensity * cosine;
             }
         }
         sum
     }
+}
 
-    /// Whether the height map stands between a place and a light.
-    fn is_shaded(&self, place: DVec3, towards: DVec3, reach: f32) -> bool {
-        let Some(map) = self.heights.filter(|_| reach > 0.0) else { return false };
+/// A height map that throws shadows, and the highest points of its blocks.
+struct Heights<'a> {
+    map: &'a GroundMap,
+    /// Blocks along x.
+    across: usize,
+    blocks: &'a [f32],
+    top: f64,
+}
+
+impl<'a> Heights<'a> {
+    fn of(map: &'a GroundMap, blocks: &'a mut Vec<f32>) -> Self {
+        let across = map.size[0].div_ceil(BLOCK);
+        blocks.clear();
+        blocks.resize(across * map.size[1].div_ceil(BLOCK), f32::NEG_INFINITY);
+        for (y, row) in map.values.chunks(map.size[0].max(1)).take(map.size[1]).enumerate() {
+            for (cells, highest) in row.chunks(BLOCK).zip(&mut blocks[y / BLOCK * across..]) {
+                *highest = cells.iter().copied().fold(*highest, f32::max);
+            }
+        }
+        let top = blocks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        Self { map, across, blocks, top: f64::from(top) }
+    }
+
+    /// Whether the height map stands between a surface and a light, within `reach` m; 0 is no shadows. The ray begins where no cell that holds the
+    /// surface itself lies over it, and ends above all that stands there.
+    fn shade(&self, (place, normal): (DVec3, Vec3), towards: DVec3, reach: f64) -> bool {
+        let map = self.map;
+        if reach.partial_cmp(&0.0).is_none_or(|order| order.is_le()) {
+            return false;
+        }
+        let from = place
+            + normal.as_dvec3() * (map.cell_m * f64::from(normal.x.abs() + normal.y.abs()) * (1.0 + BEYOND));
         let across = towards.truncate().length();
-        let step = if across > 1e-3 { map.cell_m / across } else { return false };
-        let steps = ((f64::from(reach) / step) as usize).min(SHADOW_STEPS);
-        (1..=steps).any(|number| {
-            let at = place + towards * (step * (number as f64 + 0.5));
-            map.at(at.truncate()).is_some_and(|height| f64::from(height) > at.z)
-        })
+        if across <= STRAIGHT * towards.z {
+            return map.at(from.truncate()).is_some_and(|height| f64::from(height) > from.z + UNDER_M);
+        }
+        let size = DVec2::new(map.size[0] as f64, map.size[1] as f64) * map.cell_m;
+        let Some([begin, end]) = within(from, towards, [map.origin_m, map.origin_m + size]) else {
+            return false;
+        };
+        let (nudge, end) = (map.cell_m * BEYOND / across, end.min(reach));
+        // Past the place's own cell: ground that slopes or is rough does not shade itself.
+        let mut along = begin.max(map.cell_m / across);
+        while along < end {
+            let at = from + towards * along;
+            if at.z > self.top && towards.z >= 0.0 {
+                return false;
+            }
+            let Some([x, y]) = map.cell(at.truncate()) else {
+                along += nudge;
+                continue;
+            };
+            let leaves = |x: usize, y: usize, side: usize| {
+                let low = map.origin_m + DVec2::new(x as f64, y as f64) * map.cell_m;
+                let high = low + side as f64 * map.cell_m;
+                within(from, towards, [low, high]).map_or(along, |[_, out]| out.max(along))
+            };
+            let block = [x / BLOCK, y / BLOCK];
+            let past = leaves(block[0] * BLOCK, block[1] * BLOCK, BLOCK);
+            let lowest = at.z.min(from.z + towards.z * past);
+            if f64::from(self.blocks[block[1] * self.across + block[0]]) <= lowest {
+                along = past + nudge;
+                continue;
+            }
+            let out = leaves(x, y, 1);
+            let middle = from.z + towards.z * 0.5 * (along + out);
+            if map.values.get(y * map.size[0] + x).is_some_and(|height| f64::from(*height) > middle) {
+                return true;
+            }
+            along = out + nudge;
+        }
+        false
     }
 }
 
-impl Mixed<'_> {
-    /// Between eight nodes; beyond the outer ones the nearest.
-    fn at(&self, place: DVec3) -> [f32; 9] {
-        let volume = self.of;
-        let axis = |axis: usize| {
-            let at = ((place[axis] - volume.origin_m[axis]) / volume.cell_m)
-                .clamp(0.0, (volume.size[axis] - 1) as f64);
-            let low = (at as usize).min(volume.size[axis].saturating_sub(2));
-            (low, (low + 1).min(volume.size[axis] - 1), (at - low as f64) as f32)
-        };
-        let (x, y, z) = (axis(0), axis(1), axis(2));
-        let mut sum = [0.0; 9];
-        for (k, wz) in [(z.0, 1.0 - z.2), (z.1, z.2)] {
-            for (j, wy) in [(y.0, 1.0 - y.2), (y.1, y.2)] {
-                for (i, wx) in [(x.0, 1.0 - x.2), (x.1, x.2)] {
-                    let node = &self.nodes[(k * volume.size[1] + j) * volume.size[0] + i];
-                    let weight = wx * wy * wz;
-                    sum.iter_mut().zip(node).for_each(|(sum, value)| *sum += weight * value);
-                }
+/// Where along a line it comes into a rectangle of the ground and where it leaves it, from 0 on; `None` where it doesn't.
+fn within(from: DVec3, towards: DVec3, [low, high]: [DVec2; 2]) -> Option<[f64; 2]> {
+    let mut span = [0.0f64, f64::INFINITY];
+    for axis in 0..2 {
+        if towards[axis] == 0.0 {
+            if from[axis] < low[axis] || from[axis] > high[axis] {
+                return None;
             }
+            continue;
         }
-        sum
+        let ends = [low[axis], high[axis]].map(|end| (end - from[axis]) / towards[axis]);
+        span = [span[0].max(ends[0].min(ends[1])), span[1].min(ends[0].max(ends[1]))];
     }
+    (span[0] <= span[1]).then_some(span)
 }
 
 #[cfg(test)]
@@ -195,7 +263,6 @@ mod tests {
     use crate::wet::frame::GBuffer;
     use crate::wet::maps::WetMaps;
     use crate::world::WorldLight;
-    use glam::DVec2;
     use squall_formats::units::Degrees;
     use std::f32::consts::PI;
 
@@ -225,9 +292,9 @@ mod tests {
             seed: 0,
             lightning,
         };
-        let controls = LightningControls { strength: 2.0, blue: 1.0, ..LightningControls::default() };
+        let controls = LightningControls { flash: 2.0, blue: 1.0, ..LightningControls::default() };
         let mut layer = Layer::default();
-        draw(&frame, &controls, &mut layer).unwrap();
+        Lightning::new().draw(&frame, &controls, &mut layer).unwrap();
         layer.light[0][2]
     }
 
@@ -276,5 +343,33 @@ mod tests {
         let open = lit(&of(heights), [0.0, 1.0]);
         let shaded = lit(&of(wall), [0.0, 1.0]);
         assert!(open > 0.2 && shaded == 0.0, "{open} {shaded}");
+    }
+
+    #[test]
+    fn shadows_reach_as_far_as_is_asked_for_whatever_the_cells() {
+        // A tower of 100 m, 60 m away, over cells of 10 cm: its shadow is 75 m long under a light at tangent 4/3.
+        let mut map = GroundMap {
+            origin_m: DVec2::new(-5.0, -1.0),
+            cell_m: 0.1,
+            size: [800, 20],
+            values: vec![0.0; 16_000],
+        };
+        let tower = 650..652;
+        (0..20).for_each(|y| map.values[y * 800..][tower.clone()].fill(100.0));
+        let (low, mut blocks) = (DVec3::new(0.6, 0.0, 0.8), Vec::new());
+        let heights = Heights::of(&map, &mut blocks);
+        let shade = |x: f64, reach: f64| heights.shade((DVec3::new(x, 0.0, 0.0), Vec3::Z), low, reach);
+        // The tower stands 60 m away: 100 m along the ray, and 80 m up.
+        assert!(shade(0.0, 120.0) && !shade(0.0, 90.0) && !shade(0.0, 0.0));
+        assert!(shade(30.0, 120.0) && !shade(61.0, 120.0));
+        // Beside the tower's top light comes past it.
+        assert!(!heights.shade((DVec3::new(0.0, 0.0, 21.0), Vec3::Z), low, 1e4));
+        assert!(heights.shade((DVec3::new(0.0, 0.0, 19.0), Vec3::Z), low, 1e4));
+        // From outside of the map a ray comes in.
+        assert!(heights.shade((DVec3::new(-8.0, 0.0, 0.0), Vec3::Z), low, 1e4));
+        // The tower's own side that faces the light is lit, though its cells are as high as its top.
+        let side = (DVec3::new(60.2, 0.0, 5.0), Vec3::X);
+        let before = (DVec3::new(59.0, 0.0, 5.0), Vec3::X);
+        assert!(!heights.shade(side, low, 1e4) && heights.shade(before, low, 1e4));
     }
 }

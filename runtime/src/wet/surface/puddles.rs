@@ -1,7 +1,7 @@
 //! Where water stands: by a baked map of its depth, or by a noise that stands in the world, on flat ground.
 
 use crate::noise::Lattice;
-use crate::wet::maps::WetMaps;
+use crate::wet::maps::{GroundMap, WetMaps};
 use crate::wet::surface::SurfaceControls;
 use glam::{DVec2, Vec3};
 
@@ -18,6 +18,70 @@ const FLAT: f32 = 0.996;
 pub struct Hollows {
     /// By node of a tile.
     ranks: Vec<f32>,
+    basins: Option<Basins>,
+}
+
+/// What a map of standing water says of each of its puddles.
+struct Basins {
+    of: GroundMap,
+    /// Depth of the puddle that a cell belongs to or lies beside, where it is deepest; 0 where there is none.
+    deepest: Vec<f32>,
+}
+
+impl Basins {
+    fn new(of: GroundMap) -> Self {
+        let [width, height] = of.size;
+        let holds = |at: usize| of.values.get(at).is_some_and(|depth| *depth > 0.0);
+        let mut own = vec![0.0f32; width * height];
+        let (mut puddle, mut open) = (Vec::new(), Vec::new());
+        for first in 0..own.len() {
+            if own[first] > 0.0 || !holds(first) {
+                continue;
+            }
+            // All cells of one puddle: those that touch, by a side or a corner.
+            puddle.clear();
+            own[first] = of.values[first];
+            open.push(first);
+            let mut deepest = 0.0f32;
+            while let Some(at) = open.pop() {
+                puddle.push(at);
+                deepest = deepest.max(of.values[at]);
+                for next in around(at, [width, height]) {
+                    if own[next] == 0.0 && holds(next) {
+                        own[next] = of.values[next];
+                        open.push(next);
+                    }
+                }
+            }
+            puddle.iter().for_each(|&at| own[at] = deepest);
+        }
+        // Between the middles of a wet and a dry cell there is water as well.
+        let beside =
+            |at: usize| around(at, [width, height]).map(|next| own[next]).fold(0.0f32, f32::max).max(own[at]);
+        let deepest = (0..own.len()).map(|at| if own[at] > 0.0 { own[at] } else { beside(at) }).collect();
+        Self { of, deepest }
+    }
+
+    /// Whether it is of this map, bit by bit: what isn't there, NaN, counts as equal.
+    fn is_of(&self, map: &GroundMap) -> bool {
+        let same = |(a, b): (&f32, &f32)| a.to_bits() == b.to_bits();
+        (self.of.origin_m, self.of.cell_m, self.of.size) == (map.origin_m, map.cell_m, map.size)
+            && self.of.values.len() == map.values.len()
+            && self.of.values.iter().zip(&map.values).all(same)
+    }
+
+    fn at(&self, place: DVec2) -> f32 {
+        let cell = self.of.cell(place).and_then(|[x, y]| self.deepest.get(y * self.of.size[0] + x));
+        cell.copied().unwrap_or(0.0)
+    }
+}
+
+/// Cells around one.
+fn around(at: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
+    let (x, y) = (at % width, at / width);
+    let rows = y.saturating_sub(1)..(y + 2).min(height);
+    let columns = x.saturating_sub(1)..(x + 2).min(width);
+    rows.flat_map(move |y| columns.clone().map(move |x| y * width + x)).filter(move |next| *next != at)
 }
 
 impl Hollows {
@@ -38,7 +102,14 @@ impl Hollows {
         for (rank, node) in order.into_iter().enumerate() {
             ranks[node as usize] = rank as f32 / last;
         }
-        Self { ranks }
+        Self { ranks, basins: None }
+    }
+
+    /// Looks at a map of standing water, where it is another than the last one: how deep each of its puddles is.
+    pub fn know(&mut self, map: Option<&GroundMap>) {
+        if map.is_none_or(|map| self.basins.as_ref().is_none_or(|basins| !basins.is_of(map))) {
+            self.basins = map.cloned().map(Basins::new);
+        }
     }
 
     /// How low a place lies; `size` m is a puddle's.
@@ -58,7 +129,8 @@ impl Hollows {
         above + v * (below - above)
     }
 
-    /// Depth of water at a place, m, where puddles are full to a share `full`: the level sinks with it, and shores draw back.
+    /// Depth of water at a place, m, where puddles are full to a share `full`: each one's level sinks with it, from its own deepest place's, and shores
+    /// draw back. Of a baked map that [`Self::know`] was told of.
     pub fn depth_m(
         &self,
         (place, normal): (DVec2, Vec3),
@@ -68,16 +140,18 @@ impl Hollows {
         if normal.z < FLAT || full <= 0.0 {
             return 0.0;
         }
-        let deepest = controls.puddle_depth;
-        let when_full = match &maps.water_m {
-            Some(map) => map.between(place).filter(|depth| *depth > 0.0).unwrap_or(0.0),
+        let (when_full, deepest) = match &maps.water_m {
+            Some(map) => {
+                let depth = map.between(place).filter(|depth| *depth > 0.0).unwrap_or(0.0);
+                (depth, self.basins.as_ref().map_or(depth, |basins| basins.at(place)))
+            }
             None => {
                 let share = controls.puddles;
                 if share <= 0.0 {
                     return 0.0;
                 }
                 let low = self.rank(place, controls.puddle_size) - (1.0 - share);
-                deepest * low / share
+                (controls.puddle_depth * low / share, controls.puddle_depth)
             }
         };
         (when_full - (1.0 - full) * deepest).max(0.0)
@@ -123,8 +197,9 @@ mod tests {
             values: vec![0.0, 0.03, 0.0, 0.03],
         };
         let maps = WetMaps { water_m: Some(map), ..WetMaps::default() };
-        let hollows = Hollows::new(1);
-        let controls = SurfaceControls { puddle_depth: 0.03, ..SurfaceControls::default() };
+        let mut hollows = Hollows::new(1);
+        hollows.know(maps.water_m.as_ref());
+        let controls = SurfaceControls::default();
         let depth = |x: f64, normal: Vec3, full: f32| {
             hollows.depth_m((DVec2::new(x, 1.0), normal), (&maps, full), &controls)
         };
@@ -132,5 +207,32 @@ mod tests {
         assert_eq!(depth(1.7, Vec3::new(0.2, 0.0, 0.98).normalize(), 1.0), 0.0);
         assert_eq!((depth(1.7, Vec3::Z, 0.0), depth(9.0, Vec3::Z, 1.0)), (0.0, 0.0));
         assert!((depth(1.7, Vec3::Z, 0.5) - 0.015).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_shallow_puddle_and_a_deep_one_fill_together_each_to_its_own_brim() {
+        let mut map = GroundMap { origin_m: DVec2::ZERO, cell_m: 1.0, size: [9, 3], values: vec![0.0; 27] };
+        // Two of 2 cm, four metres beside one of 30 cm.
+        for (at, depth) in [(9 + 1, 0.02), (9 + 2, 0.01), (9 + 6, 0.3), (9 + 7, 0.15)] {
+            map.values[at] = depth;
+        }
+        map.values[26] = f32::NAN;
+        let maps = WetMaps { water_m: Some(map), ..WetMaps::default() };
+        let mut hollows = Hollows::new(1);
+        for _ in 0..2 {
+            hollows.know(maps.water_m.as_ref());
+        }
+        let depth = |x: f64, full: f32| {
+            let place = DVec2::new(x + 0.5, 1.5);
+            hollows.depth_m((place, Vec3::Z), (&maps, full), &SurfaceControls::default())
+        };
+        for (x, deepest) in [(1.0, 0.02), (6.0, 0.3)] {
+            for full in [0.1f32, 0.5, 0.9, 1.0] {
+                assert!((depth(x, full) - full * deepest).abs() < 1e-6, "{x} {full}: {}", depth(x, full));
+            }
+            // Half as deep beside it: dry until half of the way to the brim.
+            assert_eq!(depth(x + 1.0, 0.4), 0.0);
+            assert!((depth(x + 1.0, 0.75) - 0.25 * deepest).abs() < 1e-6);
+        }
     }
 }

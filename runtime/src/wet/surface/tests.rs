@@ -206,3 +206,74 @@ fn the_same_time_gives_the_same_picture_and_bad_numbers_are_refused() {
     assert_eq!((layer.alpha[2000], layer.alpha[2001]), (0.0, 0.0));
     assert!(layer.light.iter().flatten().all(|value| value.is_finite()));
 }
+
+#[test]
+fn no_wet_surface_throws_back_more_than_falls_on_it_whatever_its_pores() {
+    // A white furnace: light 1 comes from everywhere, and a white surface sends 1.
+    for porosity in [0.0f32, 0.3, 1.0] {
+        for (share, film) in [(0.0, 0.0), (0.4, 0.3), (1.0, 0.85), (1.0, 1.0)] {
+            for fresnel in [0.02f32, MEAN_REFLECTION, 0.4, 1.0] {
+                let pixel = SurfacePixel {
+                    colour: [1.0; 3],
+                    emission: [0.0; 3],
+                    material: Material { albedo: [1.0; 3], roughness: 0.5, porosity },
+                    wetness: Wetness { share },
+                    film,
+                    cosine: 1.0,
+                };
+                let light = SurfaceLight { mirrored: [fresnel; 3], fresnel };
+                let seen = wet_surface(&pixel, &light).light(&pixel)[1];
+                // Outside of the film, wet pores keep what their own water has reflected.
+                let lost = (1.0 - film) * porosity * share * MEAN_REFLECTION;
+                assert!(
+                    (seen - (1.0 - lost)).abs() < ROUND_OFF,
+                    "{porosity} {share} {film} {fresnel}: {seen}"
+                );
+                let black =
+                    SurfacePixel { material: Material { albedo: [0.0; 3], ..pixel.material }, ..pixel };
+                assert!(wet_surface(&black, &light).light(&black)[1] < 1.0 + ROUND_OFF);
+            }
+        }
+    }
+}
+
+/// A height map of cells of 1 m about the street: level ground, and the wall, 8 m high, from y = 20 on.
+fn walled() -> crate::wet::maps::GroundMap {
+    let mut map = crate::wet::maps::GroundMap {
+        origin_m: glam::DVec2::new(-30.0, -9.6),
+        cell_m: 1.0,
+        size: [60, 40],
+        values: vec![0.0; 2400],
+    };
+    // The wall's own cells begin before it: their highest point is its top.
+    map.values.iter_mut().enumerate().filter(|(at, _)| at / 60 >= 29).for_each(|(_, height)| *height = 8.0);
+    map
+}
+
+#[test]
+fn a_wall_in_the_height_map_gets_wet_and_what_is_under_an_awning_does_not() {
+    let mut street = street(1.0);
+    street.maps.height_m = Some(walled());
+    let wall: Vec<usize> = (0..SIZE[0] * SIZE[1])
+        .filter(|&at| street.buffer.normal[at][1] < -0.5 && street.buffer.depth_m[at].is_finite())
+        .collect();
+    let wet = |street: &Street, wind: DVec3| {
+        let frame = WetFrame { wind, ..street.frame(25.0) };
+        let mut surface = Surface::new(5).unwrap();
+        let controls = SurfaceControls { soaked: 20.0, ..SurfaceControls::default() };
+        surface.draw(&frame, &controls, &mut Layer::default()).unwrap();
+        wall.iter().map(|&at| surface.states[at].wetness).sum::<f32>() / wall.len() as f32
+    };
+    let (calm, blown) = (wet(&street, DVec3::ZERO), wet(&street, DVec3::new(0.0, 6.5, 0.0)));
+    // Driven at 45° it gets as much as level ground, in calm air what runs down, and no less where the wind comes from behind.
+    assert!(calm > 0.0 && blown > 2.0 * calm, "{calm} {blown}");
+    assert_eq!(wet(&street, DVec3::new(0.0, -6.5, 0.0)), calm);
+    // Without a map the same.
+    let bare = Street { maps: WetMaps::default(), ..street };
+    assert_eq!((wet(&bare, DVec3::ZERO), wet(&bare, DVec3::new(0.0, 6.5, 0.0))), (calm, blown));
+    // An awning 9 m up and 6 m deep, over all of the wall.
+    let mut map = walled();
+    map.values.iter_mut().enumerate().filter(|(at, _)| at / 60 >= 23).for_each(|(_, height)| *height = 9.0);
+    let roofed = Street { maps: WetMaps { height_m: Some(map), ..WetMaps::default() }, ..bare };
+    assert_eq!(wet(&roofed, DVec3::ZERO), 0.0);
+}
