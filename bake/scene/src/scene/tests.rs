@@ -219,6 +219,42 @@ fn textures_wrap_beyond_their_edges_and_give_triangles_their_mean() {
     assert!(report.left_out().unwrap().contains("neither PNG nor JPEG"));
 }
 
+/// A file whose one mesh has so many primitives, all on one sparse accessor of zeros.
+fn alike(primitives: usize, places: usize) -> Vec<u8> {
+    changed(|root| {
+        let (count, indices) = (root["accessors"][0]["count"].clone(), root["accessors"][2].clone());
+        let view = root["accessors"][0]["bufferView"].clone();
+        root["accessors"][0] = json!({
+            "componentType": 5126, "count": places, "type": "VEC3",
+            "sparse": {
+                "count": count,
+                "indices": { "bufferView": indices["bufferView"], "componentType": 5123 },
+                "values": { "bufferView": view },
+            },
+        });
+        let mut primitive = root["meshes"][0]["primitives"][0].clone();
+        primitive["attributes"].as_object_mut().unwrap().remove("NORMAL");
+        root["meshes"][0]["primitives"] = vec![primitive; primitives].into();
+    })
+}
+
+#[test]
+fn an_accessor_that_many_primitives_name_is_decoded_once_and_counts_once() {
+    // A thousand primitives on 2²⁰ places each would be a hundred times the default limit.
+    let many = read(&alike(1000, 1 << 20)).unwrap();
+    assert_eq!((many.report.triangles, many.report.instances), (2000, 2));
+    let how = |limits| Read { limits, ..Read::default() };
+    let exact = Limits { elements: 1003, ..Limits::default() };
+    assert!(Scene::read(&alike(9, 1000), &mut none, &how(exact)).is_ok());
+    let less = Limits { elements: 1002, ..Limits::default() };
+    let error = Scene::read(&alike(9, 1000), &mut none, &how(less)).unwrap_err().to_string();
+    assert!(error.contains("at most 1002 elements of all accessors that are read, found 1003"), "{error}");
+    // Two meshes' worth of places, and the sum is what counts.
+    let both = Limits { elements: 5, ..Limits::default() };
+    let error = Scene::read(&sample(), &mut none, &how(both)).unwrap_err().to_string();
+    assert!(error.contains("found 6"), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
