@@ -15,13 +15,13 @@ pub struct Limits {
     pub nodes: u64,
     /// Bytes of all buffers and pictures beside the file.
     pub bytes: u64,
-    /// Pixels of one texture.
+    /// Pixels of all textures, each picture decoded once however many materials name it.
     pub pixels: u64,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { triangles: 1 << 24, elements: 1 << 27, nodes: 1 << 22, bytes: 4 << 30, pixels: 1 << 26 }
+        Self { triangles: 1 << 24, elements: 1 << 27, nodes: 1 << 22, bytes: 4 << 30, pixels: 1 << 28 }
     }
 }
 

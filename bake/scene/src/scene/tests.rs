@@ -219,6 +219,68 @@ fn textures_wrap_beyond_their_edges_and_give_triangles_their_mean() {
     assert!(report.left_out().unwrap().contains("neither PNG nor JPEG"));
 }
 
+/// A picture of 4 × 1 texels: white, black, black, black.
+fn one_in_four() -> Vec<u8> {
+    let mut picture = Vec::new();
+    let mut encoder = png::Encoder::new(&mut picture, 4, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().unwrap().write_image_data(&[255, 0, 0, 0]).unwrap();
+    picture
+}
+
+#[test]
+fn a_picture_of_many_materials_is_read_once_and_counts_once() {
+    let bytes = changed(|root| {
+        root["images"] = json!([{ "uri": "a.png" }, { "uri": "b.png" }]);
+        root["textures"] = json!([{ "source": 0 }, { "source": 1 }]);
+        let mut material = root["materials"][0].clone();
+        material["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+        root["materials"] = vec![material; 200].into();
+        root["materials"][199]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 1 });
+    });
+    let picture = one_in_four();
+    let mut names = Vec::new();
+    let mut read = |pixels: u64, bytes_allowed: u64| {
+        names.clear();
+        let mut beside = |name: &str, _: u64| {
+            names.push(name.to_owned());
+            Ok(picture.clone())
+        };
+        let limits = Limits { pixels, bytes: bytes_allowed, ..Limits::default() };
+        let scene = Scene::read(&bytes, &mut beside, &Read { limits, ..Read::default() });
+        (scene.map(|scene| scene.report.unread_textures), names.clone())
+    };
+    assert_eq!(read(8, 1 << 20), (Ok(Vec::new()), vec!["a.png".to_owned(), "b.png".to_owned()]));
+    let unread = read(7, 1 << 20).0.unwrap();
+    assert_eq!(unread, ["images[1]: 4 × 1 pixels, where all textures may have 3 more"]);
+    let unread = read(3, 1 << 20).0.unwrap();
+    assert_eq!(unread.len(), 2, "{unread:?}");
+    // What the buffers and one picture take leaves too little for the other.
+    let buffers =
+        serde_json::from_slice::<Value>(&bytes).unwrap()["buffers"][0]["byteLength"].as_u64().unwrap();
+    let error = read(8, buffers + 3 + picture.len() as u64).0.unwrap_err().to_string();
+    assert!(error.contains("bytes in all buffers and pictures"), "{error}");
+}
+
+#[test]
+fn emission_behind_a_texture_is_the_mean_of_all_its_texels_however_it_is_looked_up() {
+    let picture = one_in_four();
+    let transform = json!({ "KHR_texture_transform": { "scale": [0.1, 0.1], "offset": [0.7, 0.0] } });
+    for (mode, extensions) in [(10_497, json!({})), (33_071, json!({})), (33_648, transform)] {
+        let bytes = changed(|root| {
+            root["images"] = json!([{ "uri": "a.png" }]);
+            root["samplers"] = json!([{ "wrapS": mode, "wrapT": mode }]);
+            root["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+            root["materials"][1]["emissiveTexture"] = json!({ "index": 0, "extensions": extensions });
+        });
+        let scene = Scene::read(&bytes, &mut |_, _| Ok(picture.clone()), &Read::default()).unwrap();
+        let plain = read(&sample()).unwrap();
+        for (found, whole) in scene.materials[1].emission.iter().zip(plain.materials[1].emission) {
+            assert!((found - 0.25 * whole).abs() <= ROUND_OFF * whole, "{mode}: {found} of {whole}");
+        }
+    }
+}
+
 /// A file whose one mesh has so many primitives, all on one sparse accessor of zeros.
 fn alike(primitives: usize, places: usize) -> Vec<u8> {
     changed(|root| {
