@@ -11,6 +11,7 @@ use crate::error::SceneError;
 use crate::scene::{Beside, Read, Scene};
 use ::gltf::json::Root;
 use buffers::Buffers;
+use std::cell::Cell;
 
 /// Required extensions that are read; those that change no shape or light are among them.
 const READ: [&str; 8] = [
@@ -29,6 +30,8 @@ struct File<'a> {
     root: &'a Root,
     buffers: &'a Buffers<'a>,
     how: &'a Read,
+    /// Elements that were decoded so far.
+    decoded: Cell<u64>,
 }
 
 pub(crate) fn read(bytes: &[u8], beside: &mut Beside<'_>, how: &Read) -> Result<Scene, SceneError> {
@@ -43,7 +46,7 @@ pub(crate) fn read(bytes: &[u8], beside: &mut Beside<'_>, how: &Read) -> Result<
         return Err(SceneError::input("extensionsRequired", wanted, unknown));
     }
     let buffers = Buffers::read(&root, blob, beside, &how.limits)?;
-    let file = File { root: &root, buffers: &buffers, how };
+    let file = File { root: &root, buffers: &buffers, how, decoded: Cell::new(0) };
     let mut scene = Scene::default();
     let paints = materials::read(&file, &mut scene, beside)?;
     nodes::place(&file, &paints, &mut scene)?;

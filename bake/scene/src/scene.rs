@@ -9,19 +9,19 @@ use glam::{DVec3, Vec3};
 pub struct Limits {
     /// Triangles of all instances. A triangle takes some 250 bytes while maps are baked, 60 of them for good.
     pub triangles: u64,
-    /// Elements of one accessor.
+    /// Elements of all accessors that are read, each decoded once however many primitives name it; of one, where it holds indices.
     pub elements: u64,
     /// Nodes and instances.
     pub nodes: u64,
     /// Bytes of all buffers and pictures beside the file.
     pub bytes: u64,
-    /// Pixels of one texture.
+    /// Pixels of all textures, each picture decoded once however many materials name it.
     pub pixels: u64,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { triangles: 1 << 24, elements: 1 << 26, nodes: 1 << 22, bytes: 4 << 30, pixels: 1 << 26 }
+        Self { triangles: 1 << 24, elements: 1 << 27, nodes: 1 << 22, bytes: 4 << 30, pixels: 1 << 28 }
     }
 }
 

@@ -44,6 +44,17 @@ struct Run<'a> {
 }
 
 impl<'a> File<'a> {
+    /// Counts elements that are about to be decoded.
+    fn decode(&self, more: u64, field: &str) -> Result<(), SceneError> {
+        let (sum, most) = (self.decoded.get().saturating_add(more), self.how.limits.elements);
+        if sum > most {
+            let wanted = format!("at most {most} elements of all accessors that are read");
+            return Err(SceneError::input(field, wanted, sum));
+        }
+        self.decoded.set(sum);
+        Ok(())
+    }
+
     /// `count` elements of `size` bytes from byte `offset` of a view.
     fn run(
         &self,
@@ -73,7 +84,7 @@ impl<'a> File<'a> {
 
     /// Elements of N numbers.
     ///
-    /// Errors: an accessor that is not there, of another kind, beyond its buffer or the limits.
+    /// Errors: an accessor that is not there, of another kind, beyond its buffer; more elements in sum than the limits allow.
     pub(super) fn numbers<const N: usize>(
         &self,
         index: usize,
@@ -91,9 +102,10 @@ impl<'a> File<'a> {
         if shape != wanted {
             return Err(wrong(format!("{wanted:?}"), format!("{shape:?}")));
         }
-        if count > self.how.limits.elements {
-            return Err(wrong(format!("at most {} elements", self.how.limits.elements), count.to_string()));
-        }
+        self.decode(
+            count.saturating_add(accessor.sparse.as_ref().map_or(0, |sparse| sparse.count.0)),
+            &field,
+        )?;
         let element = |bytes: &[u8]| {
             std::array::from_fn(|axis| number(&bytes[axis * size_of(kind)..], kind, accessor.normalized))
         };

@@ -9,6 +9,8 @@ use std::borrow::Cow;
 pub(super) struct Buffers<'a> {
     bytes: Vec<Cow<'a, [u8]>>,
     views: &'a [View],
+    /// Bytes that pictures beside the file may still have.
+    pub(super) left: u64,
 }
 
 impl<'a> Buffers<'a> {
@@ -24,7 +26,7 @@ impl<'a> Buffers<'a> {
             let field = format!("buffers[{number}]");
             let wanted = buffer.byte_length.0;
             if wanted > left {
-                let allowed = format!("at most {} bytes in all buffers", limits.bytes);
+                let allowed = format!("at most {} bytes in all buffers and pictures", limits.bytes);
                 return Err(SceneError::input(field, allowed, format!("{wanted} more")));
             }
             let content = match (&buffer.uri, blob) {
@@ -39,7 +41,7 @@ impl<'a> Buffers<'a> {
             left -= (content.len() as u64).min(left);
             bytes.push(content);
         }
-        Ok(Self { bytes, views: &root.buffer_views })
+        Ok(Self { bytes, views: &root.buffer_views, left })
     }
 
     /// Bytes of a view, and its stride where it has one.

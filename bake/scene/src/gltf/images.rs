@@ -5,14 +5,79 @@ use crate::error::SceneError;
 use crate::scene::Beside;
 use gltf::json::texture::WrappingMode;
 use gltf::json::validation::Checked;
+use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::rc::Rc;
 
-/// A texture's texels and how they are looked up.
-pub(super) struct Paint {
+/// A picture's texels, sRGB.
+struct Picture {
     width: usize,
     height: usize,
-    /// sRGB.
     texels: Vec<[u8; 3]>,
+    /// Mean of all of them in linear light.
+    mean: [f32; 3],
+}
+
+/// Pictures that were decoded: materials share them, and limits hold for all together.
+pub(super) struct Images {
+    known: BTreeMap<usize, Result<Rc<Picture>, String>>,
+    bytes_left: u64,
+    pixels_left: u64,
+}
+
+impl Images {
+    pub(super) fn new(file: &File<'_>) -> Self {
+        let (bytes_left, pixels_left) = (file.buffers.left, file.how.limits.pixels);
+        Self { known: BTreeMap::new(), bytes_left, pixels_left }
+    }
+
+    /// The picture of that index, decoded unless it was before. Errors as of [`Paint::read`].
+    fn picture(
+        &mut self,
+        file: &File<'_>,
+        index: usize,
+        image: &gltf::json::Image,
+        beside: &mut Beside<'_>,
+    ) -> Result<Result<Rc<Picture>, String>, SceneError> {
+        if let Some(known) = self.known.get(&index) {
+            return Ok(known.clone());
+        }
+        let place = format!("images[{index}]");
+        let read;
+        let bytes: &[u8] = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => {
+                read = buffers::named(uri, &place, self.bytes_left, beside)?;
+                self.bytes_left = self.bytes_left.checked_sub(read.len() as u64).ok_or_else(|| {
+                    let wanted =
+                        format!("at most {} bytes in all buffers and pictures", file.how.limits.bytes);
+                    SceneError::input(place.clone(), wanted, "more")
+                })?;
+                &read
+            }
+            (None, Some(view)) => file.buffers.view(view.value(), &place)?.0,
+            (None, None) => return Err(SceneError::input(place, "a uri or a bufferView", "neither")),
+        };
+        let decoded = if bytes.starts_with(b"\x89PNG") {
+            png(bytes, self.pixels_left)
+        } else if bytes.starts_with(b"\xff\xd8") {
+            jpeg(bytes, self.pixels_left)
+        } else {
+            Err("neither PNG nor JPEG".into())
+        };
+        let picture = decoded.map(|(width, height, texels)| {
+            self.pixels_left -= (texels.len() as u64).min(self.pixels_left);
+            let mean = mean_light(&texels);
+            Rc::new(Picture { width, height, texels, mean })
+        });
+        let picture = picture.map_err(|why| format!("{place}: {why}"));
+        self.known.insert(index, picture.clone());
+        Ok(picture)
+    }
+}
+
+/// A texture: a picture, and how it is looked up.
+pub(super) struct Paint {
+    picture: Rc<Picture>,
     wrap: [WrappingMode; 2],
     /// Set of coordinates, offset, scale and turn (KHR_texture_transform).
     pub(super) set: u32,
@@ -26,6 +91,7 @@ impl Paint {
     /// The texture of that information. The inner error says why it can't be read, the outer one why the file is refused.
     pub(super) fn read(
         file: &File<'_>,
+        images: &mut Images,
         info: &gltf::json::texture::Info,
         beside: &mut Beside<'_>,
     ) -> Result<Result<Self, String>, SceneError> {
@@ -35,26 +101,9 @@ impl Paint {
         let Some(image) = file.root.images.get(texture.source.value()) else {
             return Ok(Err(format!("{field} has no PNG or JPEG picture")));
         };
-        let place = format!("images[{}]", texture.source.value());
-        let read;
-        let bytes: &[u8] = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => {
-                read = buffers::named(uri, &place, file.how.limits.bytes, beside)?;
-                &read
-            }
-            (None, Some(view)) => file.buffers.view(view.value(), &place)?.0,
-            (None, None) => return Err(SceneError::input(place, "a uri or a bufferView", "neither")),
-        };
-        let decoded = if bytes.starts_with(b"\x89PNG") {
-            png(bytes, file.how.limits.pixels)
-        } else if bytes.starts_with(b"\xff\xd8") {
-            jpeg(bytes, file.how.limits.pixels)
-        } else {
-            Err("neither PNG nor JPEG".into())
-        };
-        let (width, height, texels) = match decoded {
-            Ok(decoded) => decoded,
-            Err(why) => return Ok(Err(format!("{place}: {why}"))),
+        let picture = match images.picture(file, texture.source.value(), image, beside)? {
+            Ok(picture) => picture,
+            Err(why) => return Ok(Err(why)),
         };
         let sampler = texture.sampler.and_then(|sampler| file.root.samplers.get(sampler.value()));
         let mode = |mode: Checked<WrappingMode>| match mode {
@@ -67,7 +116,12 @@ impl Paint {
         let set = transform.and_then(|transform| transform.tex_coord).unwrap_or(info.tex_coord);
         let transform =
             transform.map(|transform| (transform.offset.0, transform.scale.0, transform.rotation.0));
-        Ok(Ok(Self { width, height, texels, wrap, set, transform }))
+        Ok(Ok(Self { picture, wrap, set, transform }))
+    }
+
+    /// Mean of the whole picture in linear light, whatever its coordinates are.
+    pub(super) fn whole_mean(&self) -> [f32; 3] {
+        self.picture.mean
     }
 
     /// Mean over a triangle of texture coordinates, as square roots over 255. Coordinates beyond 0 to 1 wrap as the sampler says.
@@ -113,9 +167,10 @@ impl Paint {
             };
             ((at * size as f32) as usize).min(size - 1)
         };
-        let x = axis(at[0], self.width, self.wrap[0]);
-        let y = axis(at[1], self.height, self.wrap[1]);
-        self.texels[y * self.width + x]
+        let picture = &*self.picture;
+        let x = axis(at[0], picture.width, self.wrap[0]);
+        let y = axis(at[1], picture.height, self.wrap[1]);
+        picture.texels[y * picture.width + x]
     }
 }
 
@@ -125,12 +180,30 @@ fn linear(sample: u8) -> f32 {
     if value <= 0.040_45 { value / 12.92 } else { libm::powf((value + 0.055) / 1.055, 2.4) }
 }
 
+/// Mean of all texels in linear light.
+fn mean_light(texels: &[[u8; 3]]) -> [f32; 3] {
+    let mut counts = [[0u64; 3]; 256];
+    for texel in texels {
+        for (band, sample) in texel.iter().enumerate() {
+            counts[usize::from(*sample)][band] += 1;
+        }
+    }
+    let mut sum = [0.0f64; 3];
+    for (sample, counts) in counts.iter().enumerate() {
+        let light = f64::from(linear(sample as u8));
+        for (sum, count) in sum.iter_mut().zip(counts) {
+            *sum += light * *count as f64;
+        }
+    }
+    sum.map(|sum| (sum / texels.len().max(1) as f64) as f32)
+}
+
 type Decoded = Result<(usize, usize, Vec<[u8; 3]>), String>;
 
 fn checked_size(width: usize, height: usize, most: u64) -> Result<(), String> {
     match (width as u64).checked_mul(height as u64) {
         Some(1..) if (width as u64 * height as u64) <= most => Ok(()),
-        _ => Err(format!("{width} × {height} pixels")),
+        _ => Err(format!("{width} × {height} pixels, where all textures may have {most} more")),
     }
 }
 

@@ -1,11 +1,12 @@
 //! Materials, and the textures of their base colours.
 
 use super::File;
-use super::images::Paint;
+use super::images::{Images, Paint};
 use crate::error::SceneError;
 use crate::scene::{Beside, Material, Scene};
 use gltf::json::material::AlphaMode;
 use gltf::json::validation::Checked;
+use std::collections::BTreeSet;
 
 /// Reads all materials into the scene, a usual one behind them; returns their textures.
 pub(super) fn read(
@@ -14,6 +15,8 @@ pub(super) fn read(
     beside: &mut Beside<'_>,
 ) -> Result<Vec<Option<Paint>>, SceneError> {
     let mut paints = Vec::new();
+    let mut images = Images::new(file);
+    let mut unread = BTreeSet::new();
     for (number, source) in file.root.materials.iter().enumerate() {
         let surface = &source.pbr_metallic_roughness;
         let [red, green, blue, _] = surface.base_color_factor.0;
@@ -33,23 +36,22 @@ pub(super) fn read(
         let mut emission = emission;
         let mut paint = None;
         if let Some(info) = &surface.base_color_texture {
-            match Paint::read(file, info, beside)? {
+            match Paint::read(file, &mut images, info, beside)? {
                 Ok(read) => paint = Some(read),
-                Err(why) => scene.report.unread_textures.push(why),
+                Err(why) => drop(unread.insert(why)),
             }
         }
         if let Some(info) = &source.emissive_texture
             && emission.iter().any(|band| *band > 0.0)
         {
-            // Lamps behind a texture shine with its mean.
-            match Paint::read(file, info, beside)? {
+            // Lamps behind a texture shine with the mean of all of it.
+            match Paint::read(file, &mut images, info, beside)? {
                 Ok(read) => {
-                    let mean = read.mean([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]);
-                    for (band, root) in emission.iter_mut().zip(mean) {
-                        *band *= (f32::from(root) / 255.0) * (f32::from(root) / 255.0);
+                    for (band, mean) in emission.iter_mut().zip(read.whole_mean()) {
+                        *band *= mean;
                     }
                 }
-                Err(why) => scene.report.unread_textures.push(why),
+                Err(why) => drop(unread.insert(why)),
             }
         }
         paints.push(paint);
@@ -63,6 +65,8 @@ pub(super) fn read(
             clear: source.alpha_mode == Checked::Valid(AlphaMode::Blend),
         });
     }
+    // A picture that many materials name is said once.
+    scene.report.unread_textures.extend(unread);
     scene.materials.push(Material::default());
     paints.push(None);
     Ok(paints)

@@ -15,13 +15,46 @@ pub(super) struct Shapes<'a> {
     file: &'a File<'a>,
     paints: &'a [Option<Paint>],
     known: BTreeMap<usize, Rc<Vec<Shape>>>,
+    /// Accessors that were decoded: primitives share them.
+    pairs: BTreeMap<usize, Numbers<2>>,
+    triples: BTreeMap<usize, Numbers<3>>,
+    /// Triangles of all shapes, each counted once.
+    triangles: u64,
+}
+
+/// Elements of an accessor.
+type Numbers<const N: usize> = Rc<Vec<[f32; N]>>;
+
+/// The accessor of that index, decoded unless it was before.
+fn decoded<const N: usize>(
+    file: &File<'_>,
+    known: &mut BTreeMap<usize, Numbers<N>>,
+    index: usize,
+    what: &str,
+) -> Result<Numbers<N>, SceneError> {
+    if let Some(known) = known.get(&index) {
+        return Ok(known.clone());
+    }
+    let numbers = Rc::new(file.numbers::<N>(index, what)?);
+    known.insert(index, numbers.clone());
+    Ok(numbers)
+}
+
+/// Refuses more triangles than are allowed.
+fn few_enough(triangles: u64, file: &File<'_>) -> Result<(), SceneError> {
+    let most = file.how.limits.triangles;
+    if triangles > most {
+        let wanted = format!("at most {most} triangles, instances counted one by one");
+        return Err(SceneError::input("meshes", wanted, "more"));
+    }
+    Ok(())
 }
 
 /// One primitive's triangles.
 struct Shape {
-    places: Vec<[f32; 3]>,
-    normals: Option<Vec<[f32; 3]>>,
-    second_uv: Option<Vec<[f32; 2]>>,
+    places: Numbers<3>,
+    normals: Option<Numbers<3>>,
+    second_uv: Option<Numbers<2>>,
     corners: Vec<[u32; 3]>,
     material: u32,
     /// Means of the texture, where its material has one.
@@ -34,7 +67,14 @@ const LEAST_HEIGHT: f64 = 1e-6;
 
 impl<'a> Shapes<'a> {
     pub(super) fn new(file: &'a File<'a>, paints: &'a [Option<Paint>]) -> Self {
-        Self { file, paints, known: BTreeMap::new() }
+        Self {
+            file,
+            paints,
+            known: BTreeMap::new(),
+            pairs: BTreeMap::new(),
+            triples: BTreeMap::new(),
+            triangles: 0,
+        }
     }
 
     fn mesh(&mut self, index: usize, scene: &mut Scene) -> Result<Rc<Vec<Shape>>, SceneError> {
@@ -57,7 +97,7 @@ impl<'a> Shapes<'a> {
         Ok(shapes)
     }
 
-    fn shape(&self, primitive: &Primitive, field: &str) -> Result<Option<Shape>, SceneError> {
+    fn shape(&mut self, primitive: &Primitive, field: &str) -> Result<Option<Shape>, SceneError> {
         let Checked::Valid(mode) = primitive.mode else {
             return Err(SceneError::input(format!("{field}.mode"), "a kind of primitive, 0 to 6", "another"));
         };
@@ -67,12 +107,14 @@ impl<'a> Shapes<'a> {
         let attribute = |semantic: Semantic| primitive.attributes.get(&Checked::Valid(semantic));
         let places = attribute(Semantic::Positions)
             .ok_or_else(|| SceneError::input(format!("{field}.attributes"), "POSITION", "none"))?;
-        let places = self.file.numbers::<3>(places.value(), &format!("{field}.POSITION"))?;
+        let places = decoded(self.file, &mut self.triples, places.value(), &format!("{field}.POSITION"))?;
         let order = match primitive.indices {
             Some(indices) => self.file.indices(indices.value(), places.len(), &format!("{field}.indices"))?,
             None => (0..places.len() as u32).collect(),
         };
         let corners = corners(mode, &order);
+        self.triangles += corners.len() as u64;
+        few_enough(self.triangles, self.file)?;
         let material = match primitive.material {
             Some(material) if material.value() + 1 < self.paints.len() => material.value(),
             Some(material) => {
@@ -88,10 +130,10 @@ impl<'a> Shapes<'a> {
             let wanted = format!("as many as there are places, {}", places.len());
             Err(SceneError::input(format!("{field}.{name}"), wanted, count))
         };
-        let pairs = |set: u32| {
+        let mut pairs = |set: u32| {
             let Some(accessor) = attribute(Semantic::TexCoords(set)) else { return Ok(None) };
             let name = format!("TEXCOORD_{set}");
-            let values = self.file.numbers::<2>(accessor.value(), &format!("{field}.{name}"))?;
+            let values = decoded(self.file, &mut self.pairs, accessor.value(), &format!("{field}.{name}"))?;
             per_vertex(values.len(), &name)?;
             Ok::<_, SceneError>(Some(values))
         };
@@ -105,7 +147,7 @@ impl<'a> Shapes<'a> {
         let second_uv = if self.file.how.second_uv { pairs(1)? } else { None };
         let mut normals = None;
         if let (true, Some(accessor)) = (self.file.how.normals, attribute(Semantic::Normals)) {
-            let values = self.file.numbers::<3>(accessor.value(), &format!("{field}.NORMAL"))?;
+            let values = decoded(self.file, &mut self.triples, accessor.value(), &format!("{field}.NORMAL"))?;
             per_vertex(values.len(), "NORMAL")?;
             normals = Some(values);
         }
@@ -148,10 +190,7 @@ pub(super) fn place_mesh(
     let about = if about.determinant().abs() > 1e-30 { about.inverse().transpose() } else { DMat3::IDENTITY };
     for shape in mesh.iter() {
         let more = scene.triangles.len() as u64 + scene.report.degenerate + shape.corners.len() as u64;
-        if more > how.limits.triangles {
-            let wanted = format!("at most {} triangles, instances counted one by one", how.limits.triangles);
-            return Err(SceneError::input("meshes", wanted, "more"));
-        }
+        few_enough(more, shapes.file)?;
         for (at, corners) in shape.corners.iter().enumerate() {
             let mut corners = *corners;
             if mirrored {

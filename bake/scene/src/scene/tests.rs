@@ -219,6 +219,104 @@ fn textures_wrap_beyond_their_edges_and_give_triangles_their_mean() {
     assert!(report.left_out().unwrap().contains("neither PNG nor JPEG"));
 }
 
+/// A picture of 4 × 1 texels: white, black, black, black.
+fn one_in_four() -> Vec<u8> {
+    let mut picture = Vec::new();
+    let mut encoder = png::Encoder::new(&mut picture, 4, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().unwrap().write_image_data(&[255, 0, 0, 0]).unwrap();
+    picture
+}
+
+#[test]
+fn a_picture_of_many_materials_is_read_once_and_counts_once() {
+    let bytes = changed(|root| {
+        root["images"] = json!([{ "uri": "a.png" }, { "uri": "b.png" }]);
+        root["textures"] = json!([{ "source": 0 }, { "source": 1 }]);
+        let mut material = root["materials"][0].clone();
+        material["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+        root["materials"] = vec![material; 200].into();
+        root["materials"][199]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 1 });
+    });
+    let picture = one_in_four();
+    let mut names = Vec::new();
+    let mut read = |pixels: u64, bytes_allowed: u64| {
+        names.clear();
+        let mut beside = |name: &str, _: u64| {
+            names.push(name.to_owned());
+            Ok(picture.clone())
+        };
+        let limits = Limits { pixels, bytes: bytes_allowed, ..Limits::default() };
+        let scene = Scene::read(&bytes, &mut beside, &Read { limits, ..Read::default() });
+        (scene.map(|scene| scene.report.unread_textures), names.clone())
+    };
+    assert_eq!(read(8, 1 << 20), (Ok(Vec::new()), vec!["a.png".to_owned(), "b.png".to_owned()]));
+    let unread = read(7, 1 << 20).0.unwrap();
+    assert_eq!(unread, ["images[1]: 4 × 1 pixels, where all textures may have 3 more"]);
+    let unread = read(3, 1 << 20).0.unwrap();
+    assert_eq!(unread.len(), 2, "{unread:?}");
+    // What the buffers and one picture take leaves too little for the other.
+    let buffers =
+        serde_json::from_slice::<Value>(&bytes).unwrap()["buffers"][0]["byteLength"].as_u64().unwrap();
+    let error = read(8, buffers + 3 + picture.len() as u64).0.unwrap_err().to_string();
+    assert!(error.contains("bytes in all buffers and pictures"), "{error}");
+}
+
+#[test]
+fn emission_behind_a_texture_is_the_mean_of_all_its_texels_however_it_is_looked_up() {
+    let picture = one_in_four();
+    let transform = json!({ "KHR_texture_transform": { "scale": [0.1, 0.1], "offset": [0.7, 0.0] } });
+    for (mode, extensions) in [(10_497, json!({})), (33_071, json!({})), (33_648, transform)] {
+        let bytes = changed(|root| {
+            root["images"] = json!([{ "uri": "a.png" }]);
+            root["samplers"] = json!([{ "wrapS": mode, "wrapT": mode }]);
+            root["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+            root["materials"][1]["emissiveTexture"] = json!({ "index": 0, "extensions": extensions });
+        });
+        let scene = Scene::read(&bytes, &mut |_, _| Ok(picture.clone()), &Read::default()).unwrap();
+        let plain = read(&sample()).unwrap();
+        for (found, whole) in scene.materials[1].emission.iter().zip(plain.materials[1].emission) {
+            assert!((found - 0.25 * whole).abs() <= ROUND_OFF * whole, "{mode}: {found} of {whole}");
+        }
+    }
+}
+
+/// A file whose one mesh has so many primitives, all on one sparse accessor of zeros.
+fn alike(primitives: usize, places: usize) -> Vec<u8> {
+    changed(|root| {
+        let (count, indices) = (root["accessors"][0]["count"].clone(), root["accessors"][2].clone());
+        let view = root["accessors"][0]["bufferView"].clone();
+        root["accessors"][0] = json!({
+            "componentType": 5126, "count": places, "type": "VEC3",
+            "sparse": {
+                "count": count,
+                "indices": { "bufferView": indices["bufferView"], "componentType": 5123 },
+                "values": { "bufferView": view },
+            },
+        });
+        let mut primitive = root["meshes"][0]["primitives"][0].clone();
+        primitive["attributes"].as_object_mut().unwrap().remove("NORMAL");
+        root["meshes"][0]["primitives"] = vec![primitive; primitives].into();
+    })
+}
+
+#[test]
+fn an_accessor_that_many_primitives_name_is_decoded_once_and_counts_once() {
+    // A thousand primitives on 2²⁰ places each would be a hundred times the default limit.
+    let many = read(&alike(1000, 1 << 20)).unwrap();
+    assert_eq!((many.report.triangles, many.report.instances), (2000, 2));
+    let how = |limits| Read { limits, ..Read::default() };
+    let exact = Limits { elements: 1003, ..Limits::default() };
+    assert!(Scene::read(&alike(9, 1000), &mut none, &how(exact)).is_ok());
+    let less = Limits { elements: 1002, ..Limits::default() };
+    let error = Scene::read(&alike(9, 1000), &mut none, &how(less)).unwrap_err().to_string();
+    assert!(error.contains("at most 1002 elements of all accessors that are read, found 1003"), "{error}");
+    // Two meshes' worth of places, and the sum is what counts.
+    let both = Limits { elements: 5, ..Limits::default() };
+    let error = Scene::read(&sample(), &mut none, &how(both)).unwrap_err().to_string();
+    assert!(error.contains("found 6"), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
