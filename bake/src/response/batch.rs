@@ -166,8 +166,7 @@ impl<'a> RowSolver<'a> {
         direct.clear();
         let near = NearCloud { distances: &self.distances, around: 0, least: LEAST };
         for &light in lights {
-            self.tracer
-                .rays(light, self.settings.samples, |ray| self.tracer.trace_near(ray, &near, &mut direct));
+            self.tracer.add_moments(light, self.settings.samples, &near, &mut direct);
         }
         self.set_lane(lane, &direct.moments, &mut work.sources);
         work.moments = Some(direct);
@@ -184,8 +183,7 @@ impl<'a> RowSolver<'a> {
         // Light that is compared with what was stored is followed as far as [`Tracer::trace`] follows it.
         let near = NearCloud { distances: &self.distances, around: self.farthest, least: 1e-13 };
         for &light in lights {
-            self.tracer
-                .rays(light, self.settings.samples, |ray| self.tracer.trace_near(ray, &near, &mut direct));
+            self.tracer.add_field(light, self.settings.samples, &near, &mut direct);
         }
         self.set_lane(lane, &direct.moments, &mut work.sources);
         let share = 1.0 / self.fine.cell_volume() as f32;

@@ -278,7 +278,7 @@ impl<'a> Level<'a> {
             field.clear();
             let light =
                 Light::Point { position: DVec3::from_array(bits.map(f64::from_bits)), intensity: 1.0 };
-            tracer.rays(light, self.job.settings.samples, |ray| tracer.trace_near(ray, &near, &mut field));
+            tracer.add_moments(light, self.job.settings.samples, &near, &mut field);
             let mut factors = [0.0f32; 16];
             lanes.into_iter().for_each(|(lane, share)| factors[lane] += share * volume);
             // Light in empty cells is scattered by nothing.

@@ -1,6 +1,6 @@
 //! Rays that leave light in and around cloud alone, and step over the air between.
 
-use super::{PowerRay, Tally, Tracer, chord};
+use super::{DirectField, DirectMoments, Light, PowerRay, Tally, Tracer, chord};
 use crate::cloud::Boundary;
 use squall_formats::GridShape;
 
@@ -45,6 +45,16 @@ pub fn distances(shape: GridShape, filled: impl Iterator<Item = bool>) -> Vec<u8
 }
 
 impl Tracer<'_> {
+    /// Adds a light's moments, by `samples`² rays through every cell face by which it can leave. Compiled here, with this crate's optimisations, whoever calls it.
+    pub fn add_moments(&self, light: Light, samples: u32, near: &NearCloud<'_>, sums: &mut DirectMoments<4>) {
+        self.rays(light, samples, |ray| self.trace_near(ray, near, sums));
+    }
+
+    /// The same of all that a field holds.
+    pub fn add_field(&self, light: Light, samples: u32, near: &NearCloud<'_>, sums: &mut DirectField<4>) {
+        self.rays(light, samples, |ray| self.trace_near(ray, near, sums));
+    }
+
     /// [`Tracer::trace`] in and around cloud: cells farther from it get nothing and cost nothing.
     pub fn trace_near<T: Tally>(&self, ray: PowerRay, near: &NearCloud<'_>, tally: &mut T) {
         let NearCloud { distances, around, least } = *near;
@@ -109,7 +119,7 @@ impl Tracer<'_> {
 mod tests {
     use super::*;
     use crate::cloud::Cloud;
-    use crate::direct::{DirectField, DirectMoments, fibonacci};
+    use crate::direct::fibonacci;
     use glam::DVec3;
     use squall_formats::GridShape;
 
