@@ -28,7 +28,7 @@ fn mist_is_as_dense_as_the_rain_brings() {
     /// Thin mist: 1 − e^{−τ} is τ within a twentieth.
     const THIN: f64 = 0.05;
     let mut stage = stage();
-    let controls = HaloControls { flicker: 0.0, ..HaloControls::default() };
+    let controls = HaloControls { flicker: 0.0, amount: 1.0, ..HaloControls::default() };
     let (once, report) = covered(&stage, &controls);
     assert!(report.edges > 50 && report.fins == 0);
     stage.flux.iter_mut().for_each(|drop| drop.impacts_per_m2_s *= 2.0);
