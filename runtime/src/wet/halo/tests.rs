@@ -111,3 +111,10 @@ fn mist_stands_as_high_as_droplets_are_on_the_mean() {
     let mean = (0..steps).map(height).sum::<f64>() / f64::from(steps);
     assert!((mean_height_m(speed) / mean - 1.0).abs() < RULE);
 }
+
+#[test]
+fn controls_out_of_their_ranges_are_refused() {
+    let (stage, mut layer) = (stage(), Layer::default());
+    let controls = HaloControls { throw_m_per_s: 0.0, ..HaloControls::default() };
+    assert!(Halos::new().draw(&stage.frame(1.0), &controls, &mut layer).is_err());
+}
