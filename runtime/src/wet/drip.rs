@@ -197,7 +197,7 @@ impl Drips {
         self.drops.clear();
         let crowded = spouts(edges, frame, eye, controls, &mut self.spots);
         let followed = |spout: &Spout| spout.rate * (spout.longest_s + SWELL_S);
-        let share = (DROPS_MOST / self.spots.iter().map(followed).sum::<f64>()).min(1.0);
+        let share = (DROPS_MOST / self.spots.iter().map(followed).sum::<f64>().max(1.0)).min(1.0);
         let width = controls.diameter_mm * 1e-3;
         for spout in &self.spots {
             each_drop(spout, share, frame, controls, |one| {
@@ -240,9 +240,8 @@ fn spouts(
     // Lower than the picture's farthest corner nothing is seen.
     let lowest = eye.position.z - f64::from(far) * f64::from(eye.longest());
     let bottom = |from: DVec3| lowest.max(from.z - FALL_MOST_M);
-    let visible = |edge: &DripEdge| {
-        let (low, high) = (edge.ends_m[0].min(edge.ends_m[1]), edge.ends_m[0].max(edge.ends_m[1]));
-        let below = bottom(high).min(low.z);
+    // Whether the picture may show anything that falls from between two corners down to a height.
+    let visible = |low: DVec3, high: DVec3, below: f64| {
         let seconds = fall_time_s(high.z - below, last);
         let drift = frame.wind.truncate().abs() * seconds + 0.1 * seconds;
         // A shutter's time more of its way, and a drop's own size.
@@ -254,9 +253,12 @@ fn spouts(
         let length = edge.ends_m[0].distance(edge.ends_m[1]);
         libm::ceil(length / f64::from(controls.spacing_m)).clamp(1.0, SPOTS_MOST)
     };
-    let drips = |edge: &DripEdge| drops_per_s(edge, frame.rate_mm_per_h, controls) > 0.0 && visible(edge);
+    let drips = |edge: &DripEdge| {
+        let (low, high) = (edge.ends_m[0].min(edge.ends_m[1]), edge.ends_m[0].max(edge.ends_m[1]));
+        drops_per_s(edge, frame.rate_mm_per_h, controls) > 0.0 && visible(low, high, bottom(high).min(low.z))
+    };
     let all: f64 = edges.iter().filter(|edge| drips(edge)).map(wanted).sum();
-    let share = (ALL_SPOTS / all).min(1.0);
+    let share = (ALL_SPOTS / all.max(1.0)).min(1.0);
     for (index, edge) in edges.iter().enumerate().filter(|(_, edge)| drips(edge)) {
         let index = index as u64;
         // Of edges that should have less than one spot some have one.
@@ -278,6 +280,9 @@ fn spouts(
             let ground = ground.map(f64::from).filter(|height| *height <= from.z - 0.05);
             let end = ground.map_or(bottom(from), |height| height.max(bottom(from)));
             let longest_s = fall_time_s(from.z - end, last);
+            if !visible(from, from, end.min(from.z)) {
+                continue;
+            }
             out.push(Spout { number: [index, spot], from, rate, begun: own.unit(), ground, longest_s });
         }
     }

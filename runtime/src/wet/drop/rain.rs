@@ -299,6 +299,19 @@ mod tests {
     }
 
     #[test]
+    fn the_papers_drops_look_otherwise_and_controls_are_held_to_their_ranges() {
+        let stage = stage();
+        let draw = |controls: &DropControls| {
+            let mut layer = Layer::default();
+            Drops::new().draw(&stage.frame(1.0), controls, &mut layer).map(|_| layer)
+        };
+        let paper = draw(&DropControls { paper: 1.0, ..DropControls::default() }).unwrap();
+        assert!(paper.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)));
+        assert_ne!(paper, draw(&DropControls::default()).unwrap());
+        assert!(draw(&DropControls { far_m: f32::INFINITY, ..DropControls::default() }).is_err());
+    }
+
+    #[test]
     fn without_rain_or_under_a_roof_the_frame_keeps_its_bits() {
         let mut stage = stage();
         let mut layer = Layer::default();

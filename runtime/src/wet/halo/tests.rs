@@ -28,7 +28,7 @@ fn mist_is_as_dense_as_the_rain_brings() {
     /// Thin mist: 1 − e^{−τ} is τ within a twentieth.
     const THIN: f64 = 0.05;
     let mut stage = stage();
-    let controls = HaloControls { flicker: 0.0, ..HaloControls::default() };
+    let controls = HaloControls { flicker: 0.0, amount: 1.0, ..HaloControls::default() };
     let (once, report) = covered(&stage, &controls);
     assert!(report.edges > 50 && report.fins == 0);
     stage.flux.iter_mut().for_each(|drop| drop.impacts_per_m2_s *= 2.0);
@@ -110,4 +110,11 @@ fn mist_stands_as_high_as_droplets_are_on_the_mean() {
     };
     let mean = (0..steps).map(height).sum::<f64>() / f64::from(steps);
     assert!((mean_height_m(speed) / mean - 1.0).abs() < RULE);
+}
+
+#[test]
+fn controls_out_of_their_ranges_are_refused() {
+    let (stage, mut layer) = (stage(), Layer::default());
+    let controls = HaloControls { throw_m_per_s: 0.0, ..HaloControls::default() };
+    assert!(Halos::new().draw(&stage.frame(1.0), &controls, &mut layer).is_err());
 }

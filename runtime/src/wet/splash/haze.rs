@@ -47,10 +47,8 @@ impl Brush<'_, '_> {
         for pixel in 0..eye.size[0] * eye.size[1] {
             let [x, y] = [pixel % eye.size[0], pixel / eye.size[0]];
             if x % RUN == 0 {
-                row.nodes = [
-                    self.node(x, y, &mut row.shelter, light),
-                    self.node(x + RUN, y, &mut row.shelter, light),
-                ];
+                // The node behind is the last one's node ahead.
+                row.nodes = [if x == 0 { None } else { row.nodes[1] }, None];
             }
             let Some((depth, normal)) = self.floor(pixel) else { continue };
             let offset = eye.at(x as f32 + 0.5, y as f32 + 0.5, depth);
@@ -62,6 +60,9 @@ impl Brush<'_, '_> {
             let steep = -normal.dot(direction);
             if thickness < 1e-5 || steep <= 0.0 {
                 continue;
+            }
+            for (known, at) in row.nodes.iter_mut().zip([x - x % RUN, x - x % RUN + RUN]) {
+                known.get_or_insert_with(|| self.node(at, y, &mut row.shelter, light));
             }
             let node = row.between((x % RUN) as f32 / RUN as f32, depth);
             let Some(node) = node.or_else(|| self.node(x, y, &mut row.shelter, light)) else { continue };
@@ -106,17 +107,17 @@ struct Node {
     beams: Vec3,
 }
 
-/// What is known along a row: the nodes on both sides.
+/// What is known along a row: the nodes on both sides, where they were asked for.
 struct Row<'a> {
     shelter: Shelter<'a>,
-    nodes: [Option<Node>; 2],
+    nodes: [Option<Option<Node>>; 2],
 }
 
 impl Row<'_> {
     /// Between both nodes where both lie on the surface at this depth; else the one that does.
     fn between(&self, share: f32, depth: f32) -> Option<Node> {
         let near = |node: &Node| (node.depth - depth).abs() < 0.03 * depth;
-        match self.nodes.map(|node| node.filter(near)) {
+        match self.nodes.map(|node| node.flatten().filter(near)) {
             [Some(a), Some(b)] => {
                 let open = a.open + share * (b.open - a.open);
                 Some(Node { depth, open, beams: a.beams.lerp(b.beams, share) })

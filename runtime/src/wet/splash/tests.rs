@@ -183,3 +183,12 @@ fn rain_that_is_no_rain_is_refused() {
     let beyond = WetFrame { time_s: f64::INFINITY, ..stage.frame(0.0) };
     assert!(Splashes::new().draw(&beyond, &SplashControls::default(), &mut layer).is_err());
 }
+
+#[test]
+fn controls_out_of_their_ranges_are_refused() {
+    let (stage, mut layer) = (looking_down(), Layer::default());
+    for smallest_px in [0.0, f32::NAN, 1e9] {
+        let controls = SplashControls { smallest_px, ..SplashControls::default() };
+        assert!(Splashes::new().draw(&stage.frame(1.0), &controls, &mut layer).is_err());
+    }
+}
