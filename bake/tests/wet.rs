@@ -164,7 +164,11 @@ fn sequences_go_on_and_one_file_is_made_wet_at_many_times() {
     assert_eq!(other["kept"].as_u64(), Some(0));
     let part = place.answer("s.####.exr --frames 1..3 --rate 25 --fps 30 -o p/f.####.png");
     assert_eq!(part["frames"].as_u64(), Some(2));
-    assert_eq!(place.read("p/f.0002.png"), last);
+    // Marks tell of the first frame's light, which is another one's here; what is seen is the same.
+    std::fs::write(place.path("last.png"), &last).unwrap();
+    let [part, whole] =
+        ["p/f.0002.png", "last.png"].map(|name| rgb_of(&place.input(name), None).unwrap().picture.pixels);
+    assert_eq!(part, whole);
     let still = place.answer("g.exr --frames 0..2 --fps 10 --rate 25 --without rain -o q/f.####.exr");
     assert_eq!(still["frames"].as_u64(), Some(2));
     assert_ne!(place.read("q/f.0000.exr"), place.read("q/f.0001.exr"));

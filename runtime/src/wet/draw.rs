@@ -16,7 +16,7 @@ pub use settings::{Effect, RainControls, WetSettings};
 
 use super::drip::Drips;
 use super::drop::Drops;
-use super::frame::{GBuffer, Layer, WetFrame};
+use super::frame::{Layer, WetFrame};
 use super::glow::{Glow, paper_fog};
 use super::halo::Halos;
 use super::layers::Layers;
@@ -93,7 +93,7 @@ pub struct WetReport {
 /// let (maps, light) = (WetMaps::default(), WorldLight::uniform([0.5; 3]));
 /// let flux = flux_of(MillimetresPerHour(25.0));
 /// let frame = WetFrame {
-///     buffer: &buffer, camera: &camera, maps: &maps, light: &light, rate_mm_per_h: 25.0, flux: &flux, wind: DVec3::ZERO,
+///     buffer: &buffer, colour: &buffer.colour, camera: &camera, maps: &maps, light: &light, rate_mm_per_h: 25.0, flux: &flux, wind: DVec3::ZERO,
 ///     time_s: 1.0, seed: 1, lightning: [0.0; 2],
 /// };
 /// let mut renderer = WetRenderer::built_in()?;
@@ -114,7 +114,7 @@ pub struct WetRenderer {
     rain: FrameRain,
     layers: Vec<(Effect, Layer)>,
     picture: Vec<[f32; 3]>,
-    lit: GBuffer,
+    wet: Vec<[f32; 3]>,
     clock: Option<Clock>,
 }
 
@@ -148,7 +148,7 @@ impl WetRenderer {
             rain,
             layers: Vec::new(),
             picture: Vec::new(),
-            lit: GBuffer::default(),
+            wet: Vec::new(),
             clock: None,
         })
     }
@@ -177,34 +177,49 @@ impl WetRenderer {
     ///
     /// Errors: buffers of another size than the camera's; a rate beyond the rain's tables; numbers that no frame has; a control out of its range.
     pub fn draw(&mut self, frame: &WetFrame<'_>, settings: &WetSettings) -> Result<WetReport, RuntimeError> {
-        frame.buffer.check(frame.camera)?;
+        frame.check()?;
         settings.check()?;
-        self.picture.clear();
-        self.picture.extend_from_slice(&frame.buffer.colour);
-        self.lit.clone_from(frame.buffer);
-        let wanted: Vec<Effect> = Effect::ALL.into_iter().filter(|effect| settings.is_on(*effect)).collect();
+        let wanted = || Effect::ALL.into_iter().filter(|effect| settings.is_on(*effect));
         // Layers keep their memory while the same effects are on.
-        if self.layers.iter().map(|(effect, _)| *effect).ne(wanted.iter().copied()) {
-            self.layers = wanted.into_iter().map(|effect| (effect, Layer::default())).collect();
+        if self.layers.iter().map(|(effect, _)| *effect).ne(wanted()) {
+            self.layers = wanted().map(|effect| (effect, Layer::default())).collect();
         }
-        let mut layers = std::mem::take(&mut self.layers);
+        let mut memory = (
+            std::mem::take(&mut self.layers),
+            std::mem::take(&mut self.picture),
+            std::mem::take(&mut self.wet),
+        );
+        let report = self.draw_layers(frame, settings, (&mut memory.0, &mut memory.1, &mut memory.2));
+        (self.layers, self.picture, self.wet) = memory;
+        report
+    }
+
+    /// Draws every layer over the picture; `wet` takes what it is before the rain.
+    fn draw_layers(
+        &mut self,
+        frame: &WetFrame<'_>,
+        settings: &WetSettings,
+        (layers, picture, wet): (&mut [(Effect, Layer)], &mut Vec<[f32; 3]>, &mut Vec<[f32; 3]>),
+    ) -> Result<WetReport, RuntimeError> {
+        picture.clear();
+        picture.extend_from_slice(frame.colour);
         let mut report = WetReport::default();
-        let mut wet = None;
-        for (effect, layer) in &mut layers {
-            if effect.is_before_the_rain() {
-                self.lit.colour.clone_from(&self.picture);
-            } else if wet.is_none() {
-                wet = Some(self.picture.clone());
+        let mut rains = false;
+        for (effect, layer) in layers {
+            if !effect.is_before_the_rain() && !rains {
+                wet.clone_from(picture);
+                rains = true;
             }
             let start = self.now();
-            let count = self.effect(*effect, (frame, wet.as_deref()), settings, layer)?;
-            layer.onto(&mut self.picture)?;
+            // What is drawn over the frame looks at it as it is by then.
+            let colour: &[[f32; 3]] = if rains { wet } else { picture };
+            let count = self.effect(*effect, (&WetFrame { colour, ..*frame }, picture), settings, layer)?;
+            layer.onto(picture)?;
             let seconds = self.now() - start;
             let touched = |(light, alpha): (&[f32; 3], &f32)| *light != [0.0; 3] || *alpha != 0.0;
             let pixels = layer.light.iter().zip(&layer.alpha).filter(|pixel| touched(*pixel)).count();
             report.effects.push(EffectReport { effect: *effect, seconds, pixels, count });
         }
-        self.layers = layers;
         Ok(report)
     }
 
@@ -216,12 +231,10 @@ impl WetRenderer {
     fn effect(
         &mut self,
         effect: Effect,
-        (frame, wet): (&WetFrame<'_>, Option<&[[f32; 3]]>),
+        (frame, picture): (&WetFrame<'_>, &[[f32; 3]]),
         settings: &WetSettings,
         layer: &mut Layer,
     ) -> Result<usize, RuntimeError> {
-        // What is drawn over the frame looks at it as it is by then.
-        let frame = &WetFrame { buffer: &self.lit, ..*frame };
         Ok(match effect {
             Effect::Lightning => self.lightning.draw(frame, &settings.lightning, layer)?.pixels,
             Effect::Surface => self.surface.draw(frame, &settings.surface, layer)?.wet,
@@ -237,11 +250,8 @@ impl WetRenderer {
             }
             Effect::Drops => self.drops.draw(frame, &settings.drops, layer)?.drops as usize,
             Effect::Layers => self.rainfall.draw(frame, &settings.layers, layer)?.layers as usize,
-            Effect::Rain => rain((&mut self.rain, &self.picture), frame, &settings.rain, layer)?.1,
-            Effect::Glow => {
-                let lights = wet.unwrap_or(&self.picture);
-                self.glow.draw((frame, lights), &settings.glow, layer)?.sources
-            }
+            Effect::Rain => rain((&mut self.rain, picture), frame, &settings.rain, layer)?.1,
+            Effect::Glow => self.glow.draw((frame, frame.colour), &settings.glow, layer)?.sources,
         })
     }
 }

@@ -35,7 +35,7 @@ const TIME_MOST: f64 = 1e9;
 /// Errors: a camera or buffers that don't fit each other; wind, time or rain that is not a number or outside what rain does.
 pub(crate) fn check(frame: &WetFrame<'_>) -> Result<(), RuntimeError> {
     frame.camera.check()?;
-    frame.buffer.check(frame.camera)?;
+    frame.check()?;
     if !(0.0..=WIND_MOST).contains(&frame.wind.length()) {
         return Err(RuntimeError::argument("wind", format!("up to {WIND_MOST} m/s"), frame.wind));
     }

@@ -89,6 +89,8 @@ impl GBuffer {
 pub struct WetFrame<'a> {
     /// The renderer's buffers.
     pub buffer: &'a GBuffer,
+    /// Light towards the camera as it is by now, in place of the buffers' own: theirs, and what was drawn over it before.
+    pub colour: &'a [[f32; 3]],
     /// The camera that they were drawn with.
     pub camera: &'a Camera,
     /// What was baked from the scene's meshes; empty where nothing was.
@@ -107,6 +109,20 @@ pub struct WetFrame<'a> {
     pub seed: u64,
     /// Intensities L1 and L2 of the two key directions of lightning, 1 at their brightest.
     pub lightning: [f32; 2],
+}
+
+impl WetFrame<'_> {
+    /// Checks that every buffer, and the light that stands for the buffers' own, has the camera's size.
+    ///
+    /// Errors: one of another length, by name.
+    pub fn check(&self) -> Result<(), RuntimeError> {
+        self.buffer.check(self.camera)?;
+        if self.colour.len() != self.buffer.pixels() {
+            let wanted = format!("{} pixels", self.buffer.pixels());
+            return Err(RuntimeError::argument("colour", wanted, self.colour.len()));
+        }
+        Ok(())
+    }
 }
 
 /// Something drawn over a frame: `out = light + (1 − alpha) × below`.

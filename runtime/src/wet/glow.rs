@@ -5,6 +5,8 @@
 //! L Ω T² M(T, α): a kernel K(T, α) = T² M, 1/sr, whose integral is the share of the light that comes scattered. The picture is
 //! split by depth; each part is blurred by a mixture of kernels of doubling width that has K's energy in every ring.
 //!
+//! Mist, beside the rain, dims what is behind it as it scatters: e^{−β d} is left, and the world's light scattered towards the eye comes in its place.
+//!
 //! Light below a threshold is left out: the world's even light is in the rain's medium already. The lens's own bloom is [`crate::tone::bloom`].
 //!
 //! | symbol | name | unit |
@@ -15,11 +17,15 @@
 use crate::airlight::{Airlight, PointBeside};
 use crate::error::RuntimeError;
 use crate::medium::{Medium, Phase};
+use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::point_spread::PointSpread;
 use crate::tone::bloom::{add_doubled, halve, halved};
 use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
+use crate::wet::reflect::view::View;
+use crate::world::{InScattering, WorldLight};
+use glam::Vec3;
 use squall_formats::drops::Optics;
 use squall_formats::units::MillimetresPerHour;
 
@@ -28,7 +34,7 @@ controls! {
     pub struct GlowControls {
         /// Factor on the glow; 1 is physical.
         strength: 1.0, 0.0..=100.0, "", "";
-        /// Extinction of mist and spray beside the rain's own: 3 is a kilometre of sight.
+        /// Extinction of mist and spray beside the rain's own, which dims by it and scatters it: 3 is a kilometre of sight.
         mist: 1.0, 0.0..=100.0, "1/km", "";
         /// Light above so many times the world's mean glows.
         threshold: 4.0, 0.0..=1e6, "", "";
@@ -63,6 +69,7 @@ pub struct GlowReport {
 #[derive(Default)]
 pub struct Glow {
     tables: Option<(Airlight, PointSpread)>,
+    world: Option<(WorldLight, InScattering)>,
 }
 
 impl Glow {
@@ -80,7 +87,7 @@ impl Glow {
         controls: &GlowControls,
         out: &mut Layer,
     ) -> Result<GlowReport, RuntimeError> {
-        frame.buffer.check(frame.camera)?;
+        frame.check()?;
         let size = frame.buffer.size;
         if picture.len() != size[0] * size[1] {
             return Err(RuntimeError::argument(
@@ -95,6 +102,9 @@ impl Glow {
         }
         let rain = Medium::geometric(MillimetresPerHour(frame.rate_mm_per_h)).extinction().0;
         let extinction = rain + f64::from(controls.mist) * 1e-3;
+        if controls.paper <= 0.5 {
+            self.mist(frame, controls, out);
+        }
         let least = frame.light.mean_radiance().map(|value| value * controls.threshold);
         let half = [halved(size[0]), halved(size[1])];
         let classes = if controls.paper > 0.5 { 1 } else { DEPTHS.len() };
@@ -105,9 +115,10 @@ impl Glow {
             let Some((light, depth)) = source((frame, picture), picture_at, least) else { continue };
             report.sources += 1;
             let thickness = extinction * f64::from(depth.min(controls.sky));
-            let (low, share) = if classes == 1 { (0, 0.0) } else { class_of(thickness) };
+            let (low, share, scale) = if classes == 1 { (0, 0.0, 1.0) } else { class_of(thickness) };
             for (class, share) in [(low, 1.0 - share), ((low + 1).min(classes - 1), share)] {
                 if share > 0.0 {
+                    let share = share * scale;
                     (0..3).for_each(|band| parts[class].pixels[at][band] += share * light[band]);
                     lit[class] = true;
                 }
@@ -126,9 +137,43 @@ impl Glow {
             scaled(self.spread(&lit, focal, half)?, controls.strength)
         };
         // Back to the picture's own size.
-        let blank = Picture { width: size[0], height: size[1], pixels: std::mem::take(&mut out.light) };
-        out.light = add_doubled(&blank, 0.0, &glow).pixels;
+        let mist = Picture { width: size[0], height: size[1], pixels: std::mem::take(&mut out.light) };
+        out.light = add_doubled(&mist, 1.0, &glow).pixels;
         Ok(report)
+    }
+
+    /// What mist leaves of the light behind it, and what it shows of the world's.
+    fn mist(&mut self, frame: &WetFrame<'_>, controls: &GlowControls, out: &mut Layer) {
+        let extinction = controls.mist * 1e-3;
+        if extinction <= 0.0 {
+            return;
+        }
+        let world = match self.world.take() {
+            Some(known) if known.0 == *frame.light => known,
+            _ => {
+                let phase = Phase::HenyeyGreenstein(Optics::GEOMETRIC.asymmetry);
+                (frame.light.clone(), frame.light.in_scattering(&phase))
+            }
+        };
+        let view = View::new(frame.camera);
+        let width = out.size[0];
+        let rows = out.light.par_chunks_mut(width).zip(out.alpha.par_chunks_mut(width)).enumerate();
+        rows.for_each(|(y, (light, alpha))| {
+            for (x, (light, alpha)) in light.iter_mut().zip(alpha).enumerate() {
+                let depth = frame.buffer.depth_m[y * width + x];
+                if depth.is_nan() || depth <= 0.0 {
+                    continue;
+                }
+                let ray = view.place(x, y, 1.0);
+                let slant = if view.is_parallel() { 1.0 } else { ray.length() };
+                let hidden = 1.0 - libm::expf(-extinction * (depth * slant).min(controls.sky));
+                let ray = if view.is_parallel() { Vec3::Z } else { ray };
+                let scattered = world.1.radiance(view.to_world(ray / ray.length()).as_dvec3());
+                *alpha = hidden;
+                *light = scattered.map(|band| band.max(0.0) * hidden);
+            }
+        });
+        self.world = Some(world);
     }
 
     /// Every class's light through its own kernel.
@@ -192,14 +237,15 @@ fn source(
     (brightest.0 > 0.0).then_some((sum, brightest.1))
 }
 
-/// The class below an optical depth, and the share of the one above.
-fn class_of(thickness: f64) -> (usize, f32) {
+/// The class below an optical depth, the share of the one above, and what of its kernel is left: thinner than the first class, light is scattered once,
+/// in proportion to depth.
+fn class_of(thickness: f64) -> (usize, f32, f32) {
     let last = DEPTHS.len() - 1;
     let above = DEPTHS.iter().position(|&depth| depth > thickness).unwrap_or(last).max(1);
     let place = |depth: f64| libm::log(depth);
     let (low, high) = (place(DEPTHS[above - 1]), place(DEPTHS[above]));
     let share = (place(thickness.clamp(DEPTHS[0], DEPTHS[last])) - low) / (high - low);
-    (above - 1, share as f32)
+    (above - 1, share as f32, (thickness / DEPTHS[0]).clamp(0.0, 1.0) as f32)
 }
 
 /// K at an optical depth and angle, 1/sr per colour.

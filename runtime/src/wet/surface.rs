@@ -245,7 +245,7 @@ impl Surface {
         out: &mut Layer,
     ) -> Result<SurfaceReport, RuntimeError> {
         let buffer = frame.buffer;
-        buffer.check(frame.camera)?;
+        frame.check()?;
         if !frame.time_s.is_finite() {
             return Err(RuntimeError::argument("time_s", "a finite number", frame.time_s));
         }
@@ -261,7 +261,7 @@ impl Surface {
         if puddles > 0 {
             self.water.advance_to(frame.time_s, frame.flux, frame.seed)?;
         }
-        self.picture.fill(buffer.size, &buffer.colour);
+        self.picture.fill(buffer.size, frame.colour);
         inverse_of(&buffer.depth_m, &mut self.inverse_depth);
         let world = match self.world.take() {
             Some(known) if known.0 == *frame.light => known.1,

@@ -252,6 +252,7 @@ impl Sequence {
         let Some((_, buffers)) = taken.as_ref() else { return Ok(()) };
         let frame = WetFrame {
             buffer: &buffers.buffer,
+            colour: &buffers.buffer.colour,
             camera: &buffers.camera,
             maps,
             light: &all.light,

@@ -1,5 +1,6 @@
 use super::*;
 use crate::camera::Camera;
+use crate::wet::frame::GBuffer;
 use crate::wet::maps::WetMaps;
 use crate::wet::surface::lightning::LightningControls;
 use crate::world::WorldLight;
@@ -38,6 +39,7 @@ impl Scene {
     fn frame(&self, rate: f64) -> WetFrame<'_> {
         WetFrame {
             buffer: &self.buffer,
+            colour: &self.buffer.colour,
             camera: &self.camera,
             maps: &self.maps,
             light: &self.light,
@@ -175,4 +177,19 @@ fn lightnings_brightness_has_one_name_and_one_usual_value_in_every_effect() {
         assert!(!named || effect == Effect::Glow, "{}", effect.name());
     }
     assert!(found >= 6, "{found}");
+}
+
+#[test]
+fn a_frames_light_stands_for_the_buffers_own_and_must_have_its_size() {
+    let scene = scene(25.0);
+    let mut renderer = WetRenderer::built_in().unwrap();
+    let bright: Vec<[f32; 3]> =
+        scene.buffer.colour.iter().map(|light| light.map(|band| 2.0 * band)).collect();
+    let settings = WetSettings::default();
+    renderer.draw(&WetFrame { colour: &bright, ..scene.frame(25.0) }, &settings).unwrap();
+    let seen = renderer.picture().to_vec();
+    let buffer = GBuffer { colour: bright.clone(), ..scene.buffer.clone() };
+    renderer.draw(&WetFrame { buffer: &buffer, colour: &bright, ..scene.frame(25.0) }, &settings).unwrap();
+    assert_eq!(renderer.picture(), seen);
+    assert!(renderer.draw(&WetFrame { colour: &bright[1..], ..scene.frame(25.0) }, &settings).is_err());
 }

@@ -72,7 +72,7 @@ impl LightMemory {
         }
         let Self { known, small, balls } = self;
         let (_, world) = &**known.as_ref().expect("made above");
-        let columns = shrink(&frame.buffer.colour, eye.size, small);
+        let columns = shrink(frame.colour, eye.size, small);
         balls.clear(controls.paper);
         DropLight {
             surroundings: Surroundings { eye, small, columns, world },

@@ -69,6 +69,7 @@ impl Stage {
     pub fn frame(&self, time_s: f64) -> WetFrame<'_> {
         WetFrame {
             buffer: &self.buffer,
+            colour: &self.buffer.colour,
             camera: &self.camera,
             maps: &self.maps,
             light: &self.light,

@@ -120,7 +120,7 @@ impl GlassShadows {
             if change < 0.0 {
                 out.over(pixel, [0.0; 3], -change);
             } else if change > 0.0 {
-                out.over(pixel, buffer.colour[pixel].map(|band| band.max(0.0) * change), 0.0);
+                out.over(pixel, frame.colour[pixel].map(|band| band.max(0.0) * change), 0.0);
             }
             report.pixels += u64::from(change != 0.0);
         }

@@ -25,6 +25,7 @@ fn glow_of_lamp(distance_m: f32, controls: &GlowControls, lamp: f32) -> (Layer, 
     }
     let frame = WetFrame {
         buffer: &buffer,
+        colour: &buffer.colour,
         camera: &camera,
         maps: &WetMaps::default(),
         light: &WorldLight::default(),
@@ -100,7 +101,8 @@ fn glow_is_linear_and_keeps_colours_and_there_is_none_without_lights_or_rain() {
     for (a, b) in one.light.iter().zip(&three.light) {
         assert!((3.0 * a[0] - b[0]).abs() <= 1e-5 * b[0] && (a[2] - 0.5 * a[0]).abs() <= 1e-5 * a[0]);
     }
-    assert!(one.alpha.iter().all(|alpha| *alpha == 0.0));
+    let (clear, _) = glow_of_lamp(80.0, &GlowControls { mist: 0.0, ..controls }, 100.0);
+    assert!(clear.alpha.iter().all(|alpha| *alpha == 0.0));
     assert_eq!(glow_of_lamp(80.0, &controls, 0.0).1, GlowReport::default());
     let (paper, _) = glow_of_lamp(80.0, &GlowControls { paper: 1.0, ..controls }, 100.0);
     let sum: f32 = paper.light.iter().map(|pixel| pixel[0]).sum();
@@ -120,4 +122,30 @@ fn the_papers_fog_is_linear_and_beer_lamberts_is_not() {
     assert!(
         paper_fog(10.0, 10.0, 50.0) - exact(10.0) > 0.15 && exact(50.0) - paper_fog(50.0, 10.0, 50.0) > 0.25
     );
+}
+
+#[test]
+fn mist_takes_from_the_direct_light_by_beer_and_lamberts_law() {
+    let controls = GlowControls { mist: 4.0, ..GlowControls::default() };
+    let (layer, _) = glow_of_lamp(200.0, &controls, 0.0);
+    // The picture's middle is seen along the axis, its corners on a longer way; the world is dark, so nothing comes instead.
+    let middle = 1.0 - libm::expf(-4e-3 * 200.0);
+    assert!((layer.alpha[64 * 128 + 64] - middle).abs() < 1e-4, "{}", layer.alpha[64 * 128 + 64]);
+    assert!(layer.alpha[0] > middle + 0.01);
+    assert!(layer.light.iter().all(|light| *light == [0.0; 3]));
+    let (sky, _) = glow_of_lamp(f32::INFINITY, &controls, 0.0);
+    assert!((sky.alpha[0] - (1.0 - libm::expf(-4.0))).abs() < 1e-5);
+    let (hole, _) = glow_of_lamp(f32::NAN, &controls, 0.0);
+    assert!(hole.alpha.iter().all(|alpha| *alpha == 0.0));
+}
+
+#[test]
+fn near_lights_glow_in_proportion_to_what_is_before_them() {
+    // Both thinner than the thinnest kernel: light is scattered once.
+    let sum = |distance: f32| -> f32 {
+        let (layer, _) = glow_of_lamp(distance, &GlowControls::default(), 1000.0);
+        layer.light.iter().map(|light| light[0]).sum()
+    };
+    let (one, two) = (sum(0.5), sum(2.0));
+    assert!(one > 0.0 && (two / one - 4.0).abs() < 1e-3, "{one} {two}");
 }

@@ -78,7 +78,7 @@ fn draw(
     out: &mut Layer,
 ) -> Result<LightningReport, RuntimeError> {
     let buffer = frame.buffer;
-    buffer.check(frame.camera)?;
+    frame.check()?;
     out.clear(buffer.size);
     if frame.lightning.iter().any(|value| !(*value >= 0.0 && value.is_finite())) {
         return Err(RuntimeError::argument(
@@ -282,6 +282,7 @@ mod tests {
         };
         let frame = WetFrame {
             buffer: &buffer,
+            colour: &buffer.colour,
             camera: &camera,
             maps,
             light: &WorldLight::default(),

@@ -216,7 +216,7 @@ mod tests {
         for (at, depth) in [(9 + 1, 0.02), (9 + 2, 0.01), (9 + 6, 0.3), (9 + 7, 0.15)] {
             map.values[at] = depth;
         }
-        map.values[26] = f32::NAN;
+        map.values[0] = f32::NAN;
         let maps = WetMaps { water_m: Some(map), ..WetMaps::default() };
         let mut hollows = Hollows::new(1);
         for _ in 0..2 {

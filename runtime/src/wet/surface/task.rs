@@ -197,9 +197,9 @@ impl Task<'_> {
         let scale = self.controls.mirror * edges;
         // Air between may have taken a little of it: no more than there is.
         let own = buffer.emission.as_ref().map_or([0.0; 3], |values| values[at]);
-        let emission = std::array::from_fn(|band| own[band].min(buffer.colour[at][band]).max(0.0));
+        let emission = std::array::from_fn(|band| own[band].min(self.frame.colour[at][band]).max(0.0));
         let pixel = SurfacePixel {
-            colour: buffer.colour[at],
+            colour: self.frame.colour[at],
             emission,
             material,
             wetness: Wetness { share: state.wetness.max(state.puddle) },

@@ -58,6 +58,7 @@ impl Street {
     fn frame(&self, rate: f64) -> WetFrame<'_> {
         WetFrame {
             buffer: &self.buffer,
+            colour: &self.buffer.colour,
             camera: &self.camera,
             maps: &self.maps,
             light: &self.light,

@@ -13,19 +13,28 @@ use glam::{DVec2, Vec2};
 const TICKS_PER_S: f64 = 64.0;
 /// The lattice begins at a multiple of this, one to two of it before a frame: heights fall to 3·10⁻⁴ in 8 s at the usual damping.
 const EPOCH_TICKS: i64 = 512;
+/// Ticks that the lattice of the next stretch is stepped by for each tick of this one's, at most: it catches up within a third of a stretch, so that no frame
+/// begins one from nothing.
+const AHEAD: i64 = 4;
 /// Times repeat after so many ticks, 12 days: the lattice's clock must keep its fractions.
 const CLOCK_TICKS: i64 = 1 << 26;
 
 /// The lattice at a time.
 pub struct Water {
     settings: RippleSettings,
+    /// Each with the tick that it was begun at and the one that it is at.
     lattice: Option<(Ripples, i64, i64)>,
+    /// The one that the next stretch goes on with, begun with this stretch.
+    next: Option<(Ripples, i64, i64)>,
     made_for: Option<(u64, Vec<DropFlux>)>,
     levels: Vec<Level>,
     /// Variance of a slope along an axis.
     variance: f32,
     /// Tick that `levels` are of.
     of_tick: Option<i64>,
+    /// Steps of all lattices.
+    #[cfg(test)]
+    stepped: i64,
 }
 
 /// Mean slopes over squares of cells, and the variance that is left within them.
@@ -51,7 +60,17 @@ impl Water {
     /// Errors: as [`Ripples::new`].
     pub fn new(settings: RippleSettings) -> Result<Self, RuntimeError> {
         Ripples::new(settings)?;
-        Ok(Self { settings, lattice: None, made_for: None, levels: Vec::new(), variance: 0.0, of_tick: None })
+        Ok(Self {
+            settings,
+            lattice: None,
+            next: None,
+            made_for: None,
+            levels: Vec::new(),
+            variance: 0.0,
+            of_tick: None,
+            #[cfg(test)]
+            stepped: 0,
+        })
     }
 
     /// Brings the water to a time.
@@ -59,27 +78,63 @@ impl Water {
     /// Errors: as [`Ripples::advance`].
     pub fn advance_to(&mut self, time_s: f64, flux: &[DropFlux], seed: u64) -> Result<(), RuntimeError> {
         if self.made_for.as_ref().is_none_or(|(known, rain)| *known != seed || rain.as_slice() != flux) {
-            (self.lattice, self.of_tick) = (None, None);
+            (self.lattice, self.next, self.of_tick) = (None, None, None);
             self.made_for = Some((seed, flux.to_vec()));
         }
         let tick = (libm::floor(time_s * TICKS_PER_S) as i64).rem_euclid(CLOCK_TICKS);
         if self.of_tick == Some(tick) {
             return Ok(());
         }
-        let begin = ((tick / EPOCH_TICKS) - 1).max(0) * EPOCH_TICKS;
-        let (mut lattice, mut now) = match self.lattice.take() {
-            Some((lattice, known, now)) if known == begin && now <= tick => (lattice, now),
-            _ => (Ripples::new(self.settings)?.starting_at(begin as f64 / TICKS_PER_S), begin),
+        let stretch = tick / EPOCH_TICKS;
+        let begin = (stretch - 1).max(0) * EPOCH_TICKS;
+        let fits = |kept: &Option<(Ripples, i64, i64)>| {
+            kept.as_ref().is_some_and(|(_, known, now)| *known == begin && *now <= tick)
         };
-        while now < tick {
-            now += 1;
-            // To the tick itself, so that its round-off is the same on every way.
-            let seconds = now as f64 / TICKS_PER_S - lattice.time_s();
-            lattice.advance(seconds, flux, seed)?;
+        let kept = if fits(&self.lattice) {
+            self.lattice.take()
+        } else if fits(&self.next) {
+            self.next.take()
+        } else {
+            None
+        };
+        let goes_on = kept.is_some();
+        let mut lattice = kept.map_or_else(|| self.begun_at(begin), Ok)?;
+        let steps = tick - lattice.2;
+        self.step(&mut lattice, tick)?;
+        // In the first stretch of all the next one's lattice is its own.
+        let after = stretch * EPOCH_TICKS;
+        if goes_on && after > begin {
+            let mut next = match self.next.take() {
+                Some(next) if next.1 == after && next.2 <= tick => next,
+                _ => self.begun_at(after)?,
+            };
+            let to = tick.min(next.2 + AHEAD * steps);
+            self.step(&mut next, to)?;
+            self.next = Some(next);
         }
-        self.measure(&mut lattice);
-        self.lattice = Some((lattice, begin, now));
+        self.measure(&mut lattice.0);
+        self.lattice = Some(lattice);
         self.of_tick = Some(tick);
+        Ok(())
+    }
+
+    fn begun_at(&self, begin: i64) -> Result<(Ripples, i64, i64), RuntimeError> {
+        Ok((Ripples::new(self.settings)?.starting_at(begin as f64 / TICKS_PER_S), begin, begin))
+    }
+
+    /// Steps a lattice to a tick.
+    fn step(&mut self, (lattice, _, now): &mut (Ripples, i64, i64), tick: i64) -> Result<(), RuntimeError> {
+        let Some((seed, flux)) = &self.made_for else { return Ok(()) };
+        while *now < tick {
+            *now += 1;
+            // To the tick itself, so that its round-off is the same on every way.
+            let seconds = *now as f64 / TICKS_PER_S - lattice.time_s();
+            lattice.advance(seconds, flux, *seed)?;
+            #[cfg(test)]
+            {
+                self.stepped += 1;
+            }
+        }
         Ok(())
     }
 
@@ -187,6 +242,26 @@ mod tests {
         let (one, two) = (look(22.99), look(23.0));
         let usual: f32 = one.iter().zip(&two).map(|(a, b)| (a[0] - b[0]) * (a[0] - b[0])).sum();
         assert!(change < 3.0 * usual + FORGOTTEN * whole, "{change} {usual} {whole}");
+    }
+
+    #[test]
+    fn no_frame_but_the_first_begins_a_lattice_from_nothing() {
+        let mut water = Water::new(small()).unwrap();
+        let look = |water: &Water| water.slope(DVec2::splat(0.13), 0.0, &RippleLookup::default());
+        let mut most = 0;
+        // Four stretches at 32 frames a second, from late in one.
+        for frame in 0..832 {
+            let before = water.stepped;
+            water.advance_to(14.0 + f64::from(frame) / 32.0, &rain(), 3).unwrap();
+            most = if frame > 0 { most.max(water.stepped - before) } else { most };
+            if frame % 200 == 100 {
+                let mut other = Water::new(small()).unwrap();
+                other.advance_to(14.0 + f64::from(frame) / 32.0, &rain(), 3).unwrap();
+                assert_eq!(look(&water), look(&other));
+            }
+        }
+        // Two ticks of its own a frame, and four times as many of the next lattice's.
+        assert!(most <= 2 * (1 + AHEAD), "{most}");
     }
 
     #[test]
