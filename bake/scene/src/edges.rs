@@ -35,6 +35,15 @@ impl Edge {
     }
 }
 
+/// Edges of one kind, and how many more there were than a map holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept<T> {
+    /// The edges.
+    pub edges: Vec<T>,
+    /// Edges that were left out.
+    pub left_out: usize,
+}
+
 /// Corners nearer than this are one, m.
 const WELD_M: f32 = 1e-4;
 

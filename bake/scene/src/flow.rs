@@ -1,5 +1,7 @@
 //! Where water stands and where it runs: depressions filled from their rims \[barnes\], areas gathered downhill.
 
+use crate::Progress;
+use crate::error::SceneError;
 use crate::heights::{Grid, Heights};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -79,24 +81,34 @@ const LEAST_DEPTH_M: f32 = 2e-4;
 
 /// Fills every depression to its rim. Water leaves over the map's edge and where there is no ground. What would stand deeper than
 /// `deepest_m` has a drain at its lowest cell, as yards and basements have, and is filled without: it may leave shallower puddles.
-pub fn bake_flooded(heights: &Heights, deepest_m: f32) -> Flooded {
+///
+/// Errors: an interruption. Work is at most 25 fillings of the map.
+pub fn bake_flooded(
+    heights: &Heights,
+    deepest_m: f32,
+    progress: &dyn Progress,
+) -> Result<Flooded, SceneError> {
     let mut drains: Vec<u32> = Vec::new();
     for round in 0.. {
-        let mut flooded = flood(heights, &drains);
+        let mut flooded = flood(heights, &drains, progress)?;
         let more = if round < MOST_ROUNDS { too_deep(&flooded, deepest_m) } else { Vec::new() };
         if more.is_empty() {
             for depth in &mut flooded.depth_m {
                 *depth = if *depth < LEAST_DEPTH_M { 0.0 } else { depth.min(deepest_m) };
             }
             flooded.drains = drains;
-            return flooded;
+            return Ok(flooded);
         }
         drains.extend(more);
     }
     unreachable!("the rounds end")
 }
 
-fn flood(heights: &Heights, drains: &[u32]) -> Flooded {
+/// Cells between two looks at whether somebody wants to stop.
+const CELLS_A_LOOK: usize = 1 << 16;
+
+fn flood(heights: &Heights, drains: &[u32], progress: &dyn Progress) -> Result<Flooded, SceneError> {
+    progress.check()?;
     let (grid, ground) = (heights.grid, &heights.middle);
     let cells = grid.cells();
     let (mut level, mut to) = (vec![f32::NAN; cells], vec![AWAY; cells]);
@@ -125,6 +137,9 @@ fn flood(heights: &Heights, drains: &[u32]) -> Flooded {
     }
     while let Some(Rim { cell, .. }) = rim.pop() {
         order.push(cell);
+        if order.len() % CELLS_A_LOOK == 0 {
+            progress.check()?;
+        }
         let here = level[cell as usize];
         for (next, _) in grid.around(cell as usize) {
             if level[next].is_nan() && !ground[next].is_nan() {
@@ -137,7 +152,11 @@ fn flood(heights: &Heights, drains: &[u32]) -> Flooded {
     // Where the ground falls, water takes the steepest way rather than the one by which the cell was found. So does what the map's
     // edge would let go. It runs down a roof rather than over the wall beside it.
     let cliff = CLIFF * grid.cell_m as f32;
-    for cell in (0..cells).filter(|cell| !drains.contains(&(*cell as u32))) {
+    let drained = marked(drains, cells);
+    for cell in (0..cells).filter(|cell| !drained[*cell]) {
+        if cell % CELLS_A_LOOK == 0 {
+            progress.check()?;
+        }
         let falls = grid.around(cell).map(|(next, far)| ((level[cell] - level[next]) / far, next));
         let steepest = falls
             .filter(|(fall, _)| *fall > 0.0)
@@ -148,7 +167,14 @@ fn flood(heights: &Heights, drains: &[u32]) -> Flooded {
     }
     let depth = |(level, ground): (&f32, &f32)| if level > ground { level - ground } else { 0.0 };
     let depth_m = level.iter().zip(ground).map(depth).collect();
-    Flooded { grid, level, depth_m, to, order, drains: Vec::new() }
+    Ok(Flooded { grid, level, depth_m, to, order, drains: Vec::new() })
+}
+
+/// Which of so many cells are listed.
+pub(crate) fn marked(listed: &[u32], cells: usize) -> Vec<bool> {
+    let mut marks = vec![false; cells];
+    listed.iter().for_each(|cell| marks[*cell as usize] = true);
+    marks
 }
 
 /// The lowest cell of every water that is deeper than allowed.
@@ -196,6 +222,8 @@ pub fn gathered_m2(flooded: &Flooded) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Quiet;
+    use crate::testing::StopsAfter;
     use glam::DVec2;
 
     fn heights(side: usize, cell_m: f64, ground: impl Fn(DVec2) -> f64) -> Heights {
@@ -213,7 +241,7 @@ mod tests {
     fn a_bowl_fills_to_its_rim() {
         // A paraboloid 1 m across and 8 cm deep in flat ground.
         let bowl = |at: DVec2| (0.32 * at.length_squared() - 0.08).min(0.0);
-        let found = bake_flooded(&heights(60, 0.04, bowl), 1.0);
+        let found = bake_flooded(&heights(60, 0.04, bowl), 1.0, &Quiet).unwrap();
         for (cell, depth) in found.depth_m.iter().enumerate() {
             let deep = -bowl(found.grid.middle(cell % 60, cell / 60)) as f32;
             let wanted = if deep < LEAST_DEPTH_M { 0.0 } else { deep };
@@ -231,7 +259,7 @@ mod tests {
             let ground = (0.32 * at.length_squared() - 0.08).min(0.0);
             if at.y.abs() < 0.05 && at.x > 0.0 { ground.min(-0.03) } else { ground }
         };
-        let found = bake_flooded(&heights(60, 0.04, notched), 1.0);
+        let found = bake_flooded(&heights(60, 0.04, notched), 1.0, &Quiet).unwrap();
         let deepest = found.depth_m.iter().copied().fold(0.0, f32::max);
         let bottom = 0.32 * 2.0 * 0.02 * 0.02;
         assert!((deepest - (0.05 - bottom as f32)).abs() < ROUND_OFF, "{deepest}");
@@ -240,7 +268,7 @@ mod tests {
     #[test]
     fn a_plane_holds_no_water_and_all_of_it_drains_over_its_lower_edge() {
         let slope = heights(40, 0.25, |at| 1.0 - 0.02 * at.y);
-        let found = bake_flooded(&slope, 1.0);
+        let found = bake_flooded(&slope, 1.0, &Quiet).unwrap();
         assert!(found.depth_m.iter().all(|depth| *depth == 0.0));
         let area = gathered_m2(&found);
         for x in 0..40 {
@@ -260,11 +288,30 @@ mod tests {
             let hollow = (0.03 - 0.3 * (at - DVec2::new(1.0, 1.0)).length_squared()).max(0.0);
             0.01 * at.x - hollow
         };
-        let found = bake_flooded(&heights(80, 0.1, yard), 0.3);
+        let found = bake_flooded(&heights(80, 0.1, yard), 0.3, &Quiet).unwrap();
         assert!(!found.drains.is_empty());
         let deepest = found.depth_m.iter().copied().fold(0.0, f32::max);
         assert!((0.02..=0.03).contains(&deepest), "{deepest}");
         let wet = found.depth_m.iter().filter(|depth| **depth > 0.0).count();
         assert!((10..60).contains(&wet), "{wet} cells");
+    }
+
+    #[test]
+    fn many_yards_have_a_drain_each_and_filling_stops_when_it_is_told_to() {
+        // A chessboard of pits 1 m deep: some 20 000 drains on 2¹⁶ cells and more.
+        let side = 300;
+        let pits = |at: DVec2| {
+            let (x, y) = ((at.x + 150.0) as usize, (at.y + 150.0) as usize);
+            if x % 2 == 1 && y % 2 == 1 { -1.0 } else { 0.0 }
+        };
+        let ground = heights(side, 1.0, pits);
+        let found = bake_flooded(&ground, 0.3, &Quiet).unwrap();
+        assert_eq!(found.drains.len(), 149 * 149);
+        assert!(found.depth_m.iter().all(|depth| *depth == 0.0));
+        // One look before each filling, then one within it.
+        for looks in [0, 1] {
+            let stopped = bake_flooded(&ground, 0.3, &StopsAfter::new(looks));
+            assert_eq!(stopped.unwrap_err(), SceneError::Interrupted, "{looks}");
+        }
     }
 }

@@ -1,9 +1,11 @@
 //! The uppermost surface over the ground: what rain hits first.
 
+use crate::Progress;
 use crate::error::SceneError;
 use crate::scene::Scene;
 use glam::{DVec2, Vec2, Vec3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Most cells along a side of a map.
 pub const MOST_CELLS: usize = 4096;
@@ -75,51 +77,96 @@ pub struct Heights {
 /// Bands of rows that are filled at the same time; the result does not depend on it.
 const BANDS: usize = 16;
 
+/// Most cells that all triangles together are compared with: some ten minutes of one core.
+pub const MOST_COVERED: f64 = (1u64 << 36) as f64;
+/// Cells and triangles between two looks at whether somebody wants to stop.
+const WORK_A_LOOK: usize = 1 << 18;
+
 /// Heights of a scene over a grid.
-pub fn bake_heights(scene: &Scene, grid: Grid) -> Heights {
+///
+/// Errors: triangles that lie over more than [`MOST_COVERED`] cells in sum; an interruption.
+pub fn bake_heights(scene: &Scene, grid: Grid, progress: &dyn Progress) -> Result<Heights, SceneError> {
+    few_enough(covered(scene, &grid), MOST_COVERED, &grid)?;
     let [width, height] = grid.size;
     let rows = height.div_ceil(BANDS);
     let mut highest = vec![f32::NEG_INFINITY; width * height];
     let mut middle = highest.clone();
-    highest.par_chunks_mut(width * rows).zip(middle.par_chunks_mut(width * rows)).enumerate().for_each(
-        |(band, (highest, middle))| {
-            let first = band * rows;
-            let rows = first..first + highest.len() / width;
-            for triangle in &scene.triangles {
-                fill(&grid, triangle, rows.clone(), highest, middle);
+    let bands = highest.par_chunks_mut(width * rows).zip(middle.par_chunks_mut(width * rows)).enumerate();
+    bands.try_for_each(|(band, (highest, middle))| {
+        let first = band * rows;
+        let rows = first..first + highest.len() / width;
+        let mut work = WORK_A_LOOK;
+        for triangle in &scene.triangles {
+            if work >= WORK_A_LOOK {
+                progress.check()?;
+                work = 0;
             }
-        },
-    );
+            work += 1 + fill(&grid, triangle, rows.clone(), highest, middle);
+        }
+        Ok(())
+    })?;
     for value in highest.iter_mut().chain(&mut middle).filter(|value| **value == f32::NEG_INFINITY) {
         *value = f32::NAN;
     }
-    Heights { grid, highest, middle }
+    Ok(Heights { grid, highest, middle })
 }
 
-/// Brings one triangle into rows of both maps. Places are in cells from the grid's corner.
+/// Cells that lie in the boxes of all triangles, one triangle after the other.
+fn covered(scene: &Scene, grid: &Grid) -> f64 {
+    let cells = grid.size.map(|cells| 0..cells);
+    let of = |triangle: &[Vec3; 3]| {
+        let [low, high] = bounds(&in_cells(grid, triangle));
+        let [x, y] = [0, 1].map(|axis| span(low[axis], high[axis], cells[axis].clone()).len());
+        x as f64 * y as f64
+    };
+    scene.triangles.iter().map(of).sum()
+}
+
+/// Refuses a map over which triangles lie too often, with a cell that would do.
+fn few_enough(covered: f64, most: f64, grid: &Grid) -> Result<(), SceneError> {
+    if covered <= most {
+        return Ok(());
+    }
+    let least = (1e3 * grid.cell_m * (covered / most).sqrt()).ceil() / 1e3;
+    let wanted = format!("at least {least:.3} m, or triangles over at most {most:.1e} cells in sum");
+    Err(SceneError::input("cell_m", wanted, format!("{} m, {covered:.1e} cells", grid.cell_m)))
+}
+
+/// A triangle in cells from the grid's corner, heights in m.
+fn in_cells(grid: &Grid, triangle: &[Vec3; 3]) -> [Vec3; 3] {
+    triangle.map(|corner| {
+        let at = (corner.truncate().as_dvec2() - grid.origin_m) / grid.cell_m;
+        at.as_vec2().extend(corner.z)
+    })
+}
+
+/// Smallest and largest corner.
+fn bounds([a, b, c]: &[Vec3; 3]) -> [Vec3; 2] {
+    [a.min(b.min(*c)), a.max(b.max(*c))]
+}
+
+/// Cells of a range that lie between two places.
+fn span(low: f32, high: f32, cells: Range<usize>) -> Range<usize> {
+    let from = low.floor().max(cells.start as f32);
+    let to = (high.floor() + 1.0).min(cells.end as f32);
+    if from < to { from as usize..to as usize } else { 0..0 }
+}
+
+/// Brings one triangle into rows of both maps; how many cells it was compared with.
 fn fill(
     grid: &Grid,
     triangle: &[Vec3; 3],
-    rows: std::ops::Range<usize>,
+    rows: Range<usize>,
     highest: &mut [f32],
     middle: &mut [f32],
-) {
-    let corner = |corner: Vec3| {
-        let at = (corner.truncate().as_dvec2() - grid.origin_m) / grid.cell_m;
-        at.as_vec2().extend(corner.z)
-    };
-    let corners = triangle.map(corner);
-    let [low, high] = [Vec3::min as fn(Vec3, Vec3) -> Vec3, Vec3::max]
-        .map(|pick| pick(corners[0], pick(corners[1], corners[2])));
-    let span = |low: f32, high: f32, cells: std::ops::Range<usize>| {
-        let from = low.floor().max(cells.start as f32);
-        let to = (high.floor() + 1.0).min(cells.end as f32);
-        if from < to { from as usize..to as usize } else { 0..0 }
-    };
+) -> usize {
+    let corners = in_cells(grid, triangle);
+    let [low, high] = bounds(&corners);
     let width = grid.size[0];
     let inner = Inner::new(&corners);
-    for y in span(low.y, high.y, rows.clone()) {
-        for x in span(low.x, high.x, 0..width) {
+    let (across, along) = (span(low.x, high.x, 0..width), span(low.y, high.y, rows.clone()));
+    for y in along.clone() {
+        for x in across.clone() {
             let at = (y - rows.start) * width + x;
             if highest[at] < high.z
                 && let Some(top) = highest_in_cell(&corners, Vec2::new(x as f32, y as f32))
@@ -131,6 +178,7 @@ fn fill(
             }
         }
     }
+    across.len() * along.len()
 }
 
 /// A triangle seen from above.
@@ -193,6 +241,8 @@ fn highest_in_cell(corners: &[Vec3; 3], cell: Vec2) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Quiet;
+    use crate::testing::StopsAfter;
     use crate::testing::{cuboid, quad};
 
     /// Single precision at some 100 cells.
@@ -207,7 +257,7 @@ mod tests {
         let mut scene = Scene::default();
         // z = 5 + x/2 + y/4.
         quad(&mut scene, [-4.0, -2.0, 2.5], [8.0, 0.0, 4.0], [0.0, 4.0, 1.0], 0);
-        let heights = bake_heights(&scene, grid(0.25));
+        let heights = bake_heights(&scene, grid(0.25), &Quiet).unwrap();
         for y in 0..16 {
             for x in 0..32 {
                 let middle = heights.grid.middle(x, y).as_vec2();
@@ -226,7 +276,7 @@ mod tests {
         // A mast between two middles, and a fence without thickness.
         cuboid(&mut scene, [0.01, 0.01, 0.0], [0.05, 0.05, 6.0], 0);
         quad(&mut scene, [-3.9, -0.6, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0], 0);
-        let heights = bake_heights(&scene, grid(0.5));
+        let heights = bake_heights(&scene, grid(0.5), &Quiet).unwrap();
         let at = |x: f64, y: f64| heights.grid.cell(DVec2::new(x, y)).unwrap();
         assert_eq!((heights.highest[at(0.1, 0.1)], heights.highest[at(-3.0, -0.6)]), (6.0, 2.0));
         assert!(heights.middle[at(0.1, 0.1)].is_nan() && heights.highest[at(3.0, 1.0)].is_nan());
@@ -238,5 +288,25 @@ mod tests {
         assert!(error.contains("at least 0.244 m"), "{error}");
         assert!(Grid::over(DVec2::ZERO, DVec2::new(1000.0, 0.0), 0.1).is_err());
         assert!(Grid::over(DVec2::ZERO, DVec2::new(f64::NAN, 1.0), 0.1).is_err());
+    }
+
+    #[test]
+    fn triangles_over_too_many_cells_are_refused_and_filling_stops_when_it_is_told_to() {
+        let mut scene = Scene::default();
+        for _ in 0..20 {
+            quad(&mut scene, [-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 0);
+        }
+        // Forty triangles over all of 32 × 16 cells; none over cells outside.
+        let grid = grid(0.25);
+        assert_eq!(covered(&scene, &grid), 40.0 * 512.0);
+        assert!(few_enough(20_480.0, 20_480.0, &grid).is_ok());
+        let error = few_enough(20_480.0, 5120.0, &grid).unwrap_err().to_string();
+        assert!(error.contains("cell_m: wanted at least 0.500 m"), "{error}");
+        // Each of the bands looks before its first triangle, and all again after some 2¹⁸ cells.
+        let stopped = |looks| bake_heights(&scene, grid, &StopsAfter::new(looks));
+        assert_eq!(stopped(0).unwrap_err(), SceneError::Interrupted);
+        let fine = Grid::over(DVec2::splat(-8.0), DVec2::splat(8.0), 0.01).unwrap();
+        let late = bake_heights(&scene, fine, &StopsAfter::new(BANDS as i64));
+        assert_eq!(late.unwrap_err(), SceneError::Interrupted);
     }
 }

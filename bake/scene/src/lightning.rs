@@ -53,7 +53,7 @@ const INSIDE: f32 = 0.25;
 /// harmonics of radiance. Direct light is left out. Nodes inside walls take what nodes beside them have, so that mixing in front of a wall
 /// does not darken it.
 ///
-/// Errors: too many nodes; an interruption.
+/// Errors: too many nodes; more rays than [`MOST_RAYS`]; an interruption.
 pub fn bake_lightning(
     world: &World,
     [low, high]: [DVec3; 2],
@@ -62,14 +62,14 @@ pub fn bake_lightning(
 ) -> Result<LightningVolume, SceneError> {
     let size = nodes_over(low, high, settings.cell_m)?;
     let count = size[0] * size[1] * size[2];
+    few_rays(rays(count, settings))?;
     let towards: Vec<Vec3> = settings.directions.iter().map(|direction| direction.as_vec3()).collect();
     let nodes: Result<Vec<Node>, SceneError> = (0..count)
         .into_par_iter()
         .map(|index| {
-            progress.check()?;
             let at = [index % size[0], index / size[0] % size[1], index / (size[0] * size[1])];
             let place = low + settings.cell_m * DVec3::from_array(at.map(|at| at as f64));
-            let node = node(world, place.as_vec3(), &towards, settings, index as u64);
+            let node = node(world, place.as_vec3(), &towards, settings, index as u64, progress)?;
             progress.advance(1);
             Ok(node)
         })
@@ -87,14 +87,43 @@ pub fn bake_lightning(
     })
 }
 
+/// Most rays of all nodes: some days of one core.
+pub const MOST_RAYS: f64 = (1u64 << 38) as f64;
+/// Paths between two looks at whether somebody wants to stop.
+const PATHS_A_LOOK: u32 = 1024;
+
+/// Rays of so many nodes at most: a path's own, and at each surface one towards each key direction.
+fn rays(nodes: usize, settings: &LightningSettings) -> f64 {
+    let paths = nodes as f64 * f64::from(settings.paths);
+    paths * f64::from(settings.bounces) * (1.0 + settings.directions.len() as f64)
+}
+
+fn few_rays(rays: f64) -> Result<(), SceneError> {
+    if rays <= MOST_RAYS {
+        return Ok(());
+    }
+    let wanted = format!("nodes × paths × bounces × (1 + directions) of at most {MOST_RAYS:.1e}");
+    Err(SceneError::input("lightning.paths", wanted, format!("{rays:.1e}")))
+}
+
 /// Light at one node, of all key directions along the same paths.
-fn node(world: &World, place: Vec3, towards: &[Vec3], settings: &LightningSettings, index: u64) -> Node {
+fn node(
+    world: &World,
+    place: Vec3,
+    towards: &[Vec3],
+    settings: &LightningSettings,
+    index: u64,
+    progress: &dyn Progress,
+) -> Result<Node, SceneError> {
     let mut random = Random::from_parts(&[settings.seed, index]);
     let turn = [random.unit(), random.unit()];
     let mut sums = vec![[0.0f64; 9]; towards.len()];
     let mut backs = 0u32;
     let mut light = vec![0.0f32; towards.len()];
     for path in 0..settings.paths {
+        if path % PATHS_A_LOOK == 0 {
+            progress.check()?;
+        }
         let direction = spread(path, settings.paths, turn);
         let ray = Ray { origin: place, direction: direction.as_vec3() };
         backs += u32::from(trace(world, ray, towards, settings.bounces, &mut random, &mut light));
@@ -108,7 +137,7 @@ fn node(world: &World, place: Vec3, towards: &[Vec3], settings: &LightningSettin
     // Every direction stands for its share of the sphere.
     let share = 4.0 * std::f64::consts::PI / f64::from(settings.paths);
     let harmonics = sums.iter().map(|sum| sum.map(|sum| (sum * share) as f32)).collect();
-    (harmonics, backs as f32 / settings.paths as f32)
+    Ok((harmonics, backs as f32 / settings.paths as f32))
 }
 
 /// Directions spread evenly over the sphere along a spiral \[fibonacci\], turned and shifted by two numbers in [0, 1).
@@ -303,5 +332,27 @@ mod tests {
         let light = |node: usize| volumes[0].harmonics[node][0];
         // Nodes at x = −5 lie in a wall whose neighbours at −3 lie in its face or in the open.
         assert!(light(0) > 0.1 * light(2), "{} {}", light(0), light(2));
+    }
+
+    #[test]
+    fn more_rays_than_days_allow_are_refused_and_a_node_stops_when_it_is_told_to() {
+        let mut settings = LightningSettings {
+            directions: vec![DVec3::Z; 2],
+            cell_m: 1.0,
+            paths: 4096,
+            bounces: 3,
+            seed: 1,
+        };
+        assert_eq!(rays(10, &settings), 10.0 * 4096.0 * 9.0);
+        assert!(few_rays(rays(MOST_NODES[1], &settings)).is_ok());
+        settings.paths = 1 << 20;
+        let error = few_rays(rays(MOST_NODES[1], &settings)).unwrap_err().to_string();
+        assert!(error.contains("lightning.paths: wanted nodes × paths"), "{error}");
+        let world = World::new(crate::testing::cloud_of_triangles(10, 1));
+        let stops = crate::testing::StopsAfter::new(2);
+        // Of its eight nodes none is begun after the second look, which is within the first two.
+        settings.paths = 4096;
+        let stopped = bake_lightning(&world, [DVec3::ZERO, DVec3::ONE], &settings, &stops);
+        assert_eq!(stopped.unwrap_err(), SceneError::Interrupted);
     }
 }

@@ -1,6 +1,7 @@
 //! All maps of a scene.
 
 use crate::Progress;
+use crate::edges::Kept;
 use crate::edges::drips::{DripSettings, bake_drips};
 use crate::edges::fins::{FinSettings, bake_fins};
 use crate::error::SceneError;
@@ -62,6 +63,10 @@ pub struct BakedMaps {
     pub drains: usize,
     /// Standing water when all puddles are full, m³.
     pub water_m3: f64,
+    /// Edges that drip beyond [`DripSettings::most`]: those that least drains over.
+    pub drips_left_out: usize,
+    /// Silhouettes beyond [`FinSettings::most`]: the shortest.
+    pub fins_left_out: usize,
 }
 
 /// Depth of standing water in every cell of a grid, m, by an artist.
@@ -75,7 +80,13 @@ impl MapSettings {
         let [low, high] = world.scene().bounds().map(|corner| corner.as_dvec3());
         let [from, to] = self.region_m.unwrap_or([low.truncate(), high.truncate()]);
         let ground = Grid::over(from, to, self.cell_m)?;
-        let overhead = self.overhead_cell_m.map(|cell| Grid::over(from, to, cell)).transpose()?;
+        let overhead = self.overhead_cell_m.map(|cell| Grid::over(from, to, cell)).transpose();
+        let overhead = overhead.map_err(|error| match error {
+            SceneError::Input { field, wanted, found } if field == "cell_m" => {
+                SceneError::Input { field: "overhead.cell_m".into(), wanted, found }
+            }
+            other => other,
+        })?;
         let top = high.z.min(low.z + self.lightning_top_m).max(low.z + 1e-3);
         let volume = [from.extend(low.z), to.extend(top)];
         if !self.lightning.directions.is_empty() {
@@ -88,7 +99,7 @@ impl MapSettings {
 /// Bakes all that is asked for. `mask` replaces the water where an artist says how deep it is: it is given the grid, and returns a depth
 /// in m for each of its cells.
 ///
-/// Errors: too many cells or nodes; what `mask` refuses; an interruption.
+/// Errors: too many cells or nodes, or more work on them than is allowed; what `mask` refuses; an interruption.
 pub fn bake_maps(
     world: &World,
     settings: &MapSettings,
@@ -97,15 +108,14 @@ pub fn bake_maps(
 ) -> Result<BakedMaps, SceneError> {
     let (grid, overhead_grid, volume) = settings.grids(world)?;
     progress.begin("scene: heights and water", 3);
-    let heights = bake_heights(world.scene(), grid);
-    progress.check()?;
+    let heights = bake_heights(world.scene(), grid, progress)?;
     progress.advance(1);
-    let flooded = bake_flooded(&heights, settings.deepest_m as f32);
-    progress.check()?;
+    let flooded = bake_flooded(&heights, settings.deepest_m as f32, progress)?;
     progress.advance(1);
-    let drips = settings.drips.map(|settings| bake_drips(world, &flooded, &settings));
-    let fins = settings.fins.map(|settings| bake_fins(world, &settings));
-    progress.check()?;
+    let drips = settings.drips.map(|settings| bake_drips(world, &flooded, &settings, progress));
+    let drips = drips.transpose()?.unwrap_or(Kept { edges: Vec::new(), left_out: 0 });
+    let fins = settings.fins.map(|settings| bake_fins(world, &settings, progress));
+    let fins = fins.transpose()?.unwrap_or(Kept { edges: Vec::new(), left_out: 0 });
     progress.advance(1);
     let water = match mask {
         Some(mask) => mask(&grid)?,
@@ -134,11 +144,17 @@ pub fn bake_maps(
         height_m: Some(map(&grid, heights.highest)),
         water_m: Some(map(&grid, water)),
         overhead,
-        drips: drips.unwrap_or_default(),
-        fins: fins.unwrap_or_default(),
+        drips: drips.edges,
+        fins: fins.edges,
         lightning,
     };
-    Ok(BakedMaps { maps, drains: flooded.drains.len(), water_m3 })
+    Ok(BakedMaps {
+        maps,
+        drains: flooded.drains.len(),
+        water_m3,
+        drips_left_out: drips.left_out,
+        fins_left_out: fins.left_out,
+    })
 }
 
 #[cfg(test)]
@@ -166,5 +182,22 @@ mod tests {
         assert!(!maps.drips.is_empty() && !maps.fins.is_empty());
         let open = bake_maps(&world, &settings, None, &Quiet).unwrap();
         assert_eq!(open.water_m3, 0.0);
+    }
+
+    #[test]
+    fn edges_that_a_map_does_not_hold_are_counted_and_too_many_cells_name_their_key() {
+        let mut scene = Scene::default();
+        quad(&mut scene, [-5.0, -5.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0], 0);
+        cuboid(&mut scene, [-1.0, -1.0, 0.0], [1.0, 1.0, 2.0], 0);
+        let world = World::new(scene);
+        let mut settings = MapSettings { overhead_cell_m: None, ..MapSettings::default() };
+        settings.drips = Some(DripSettings { most: 1, ..DripSettings::default() });
+        settings.fins = Some(FinSettings { most: 2, ..FinSettings::default() });
+        let baked = bake_maps(&world, &settings, None, &Quiet).unwrap();
+        assert_eq!((baked.maps.drips.len(), baked.drips_left_out), (1, 3));
+        assert_eq!((baked.maps.fins.len(), baked.fins_left_out), (2, 10));
+        settings.overhead_cell_m = Some(0.001);
+        let error = bake_maps(&world, &settings, None, &Quiet).unwrap_err().to_string();
+        assert!(error.starts_with("overhead.cell_m"), "{error}");
     }
 }

@@ -26,10 +26,30 @@ impl Default for OverheadSettings {
     }
 }
 
+/// Most looks of all cells at lamps and shining triangles, a ray for [`LOOKS_A_RAY`] of them: some ten hours of one core.
+pub const MOST_LOOKS: f64 = (1u64 << 40) as f64;
+/// How many triangles Lambert's formula is worked out for while a ray is followed, about.
+pub const LOOKS_A_RAY: f64 = 16.0;
+
+/// Looks of one cell.
+fn looks(lit: usize, lamps: usize, settings: &OverheadSettings) -> f64 {
+    let rays = lit.min(settings.triangles) as f64 * f64::from(settings.points) + lamps as f64;
+    lit as f64 + LOOKS_A_RAY * rays
+}
+
+fn few_enough(looks: f64, grid: &Grid) -> Result<(), SceneError> {
+    if looks <= MOST_LOOKS {
+        return Ok(());
+    }
+    let least = (1e3 * grid.cell_m * (looks / MOST_LOOKS).sqrt()).ceil() / 1e3;
+    let wanted = format!("at least {least:.3} m, or fewer points, lamps and shining triangles");
+    Err(SceneError::input("overhead.cell_m", wanted, format!("{} m, {looks:.1e} looks at them", grid.cell_m)))
+}
+
 /// Irradiance of an upward surface on top of what stands in each cell of `grid`, red, green and blue, W/m²; 0 where there is nothing.
 /// `heights` say how high that is.
 ///
-/// Errors: an interruption.
+/// Errors: more than [`MOST_LOOKS`]; an interruption.
 pub fn bake_overhead(
     world: &World,
     grid: Grid,
@@ -38,24 +58,26 @@ pub fn bake_overhead(
     progress: &dyn Progress,
 ) -> Result<[Vec<f32>; 3], SceneError> {
     let lit = shining(world);
+    few_enough(looks(lit.len(), world.scene().lamps.len(), settings) * grid.cells() as f64, &grid)?;
     let width = grid.size[0];
     let rows: Result<Vec<Vec<[f32; 3]>>, SceneError> = (0..grid.size[1])
         .into_par_iter()
         .map(|y| {
-            progress.check()?;
             let cell = |x: usize| {
+                // A cell may look at millions of triangles.
+                progress.check()?;
                 let middle = grid.middle(x, y);
                 let height = heights.grid.cell(middle).map_or(f32::NAN, |cell| heights.middle[cell]);
                 if height.is_nan() {
-                    return [0.0; 3];
+                    return Ok([0.0; 3]);
                 }
                 let place = World::off(middle.as_vec2().extend(height), Vec3::Z);
                 let mut random = Random::from_parts(&[settings.seed, (y * width + x) as u64]);
-                irradiance(world, &lit, place, Vec3::Z, settings, &mut random)
+                Ok(irradiance(world, &lit, place, Vec3::Z, settings, &mut random))
             };
-            let row = (0..width).map(cell).collect();
+            let row: Result<Vec<_>, SceneError> = (0..width).map(cell).collect();
             progress.advance(1);
-            Ok(row)
+            row
         })
         .collect();
     let rows = rows?;
@@ -142,13 +164,13 @@ mod tests {
     use crate::Quiet;
     use crate::heights::bake_heights;
     use crate::scene::{Lamp, LampKind, Material, Scene};
-    use crate::testing::{cuboid, quad};
+    use crate::testing::{StopsAfter, cuboid, quad};
     use glam::{DVec2, DVec3};
 
     fn lit(scene: Scene) -> (Grid, [Vec<f32>; 3]) {
         let world = World::new(scene);
         let grid = Grid::over(DVec2::splat(-4.0), DVec2::splat(4.0), 0.5).unwrap();
-        let heights = bake_heights(world.scene(), grid);
+        let heights = bake_heights(world.scene(), grid, &Quiet).unwrap();
         let light = bake_overhead(&world, grid, &heights, &OverheadSettings::default(), &Quiet).unwrap();
         (grid, light)
     }
@@ -207,5 +229,23 @@ mod tests {
         let half = irradiance(&world, &shining(&world), grid, Vec3::Z, &many, &mut Random::new(2));
         // The sheet is a little nearer than the ceiling, and hides a little less of it than half.
         assert!((half[0] / open[0] - 0.5).abs() < 0.03, "{half:?} {open:?}");
+    }
+
+    #[test]
+    fn more_looks_than_hours_allow_are_refused_and_a_row_stops_when_it_is_told_to() {
+        // 4096 points of 48 triangles for each of 2²⁴ cells would take weeks.
+        let many = OverheadSettings { points: 4096, ..OverheadSettings::default() };
+        assert_eq!(looks(100, 2, &many), 100.0 + 16.0 * (48.0 * 4096.0 + 2.0));
+        let grid = Grid::over(DVec2::ZERO, DVec2::splat(4096.0), 1.0).unwrap();
+        let error = few_enough(looks(100, 2, &many) * grid.cells() as f64, &grid).unwrap_err().to_string();
+        assert!(error.contains("overhead.cell_m: wanted at least 6.929 m"), "{error}");
+        assert!(few_enough(looks(100, 2, &OverheadSettings::default()) * grid.cells() as f64, &grid).is_ok());
+        let world = World::new(ground());
+        let grid = Grid::over(DVec2::splat(-4.0), DVec2::splat(4.0), 8.0 / 64.0).unwrap();
+        let heights = bake_heights(world.scene(), grid, &Quiet).unwrap();
+        // More looks than there are rows.
+        let stops = StopsAfter::new(100);
+        let stopped = bake_overhead(&world, grid, &heights, &OverheadSettings::default(), &stops);
+        assert_eq!(stopped.unwrap_err(), SceneError::Interrupted);
     }
 }

@@ -1,8 +1,10 @@
 //! Scenes of known answers, for tests.
 
+use crate::Progress;
 use crate::scene::{Material, Scene};
 use glam::Vec3;
 use squall_runtime::random::Random;
+use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Adds a parallelogram from a corner along two sides; its front is where the first side turns counter-clockwise into the second.
 pub fn quad(scene: &mut Scene, corner: [f32; 3], first: [f32; 3], second: [f32; 3], material: u32) {
@@ -45,4 +47,22 @@ pub fn cloud_of_triangles(count: usize, seed: u64) -> Scene {
         .collect();
     let material = vec![0; triangles.len()];
     Scene { triangles, material, materials: vec![Material::default()], ..Scene::default() }
+}
+
+/// Wants to stop once it was asked more than so many times.
+pub struct StopsAfter(AtomicI64);
+
+impl StopsAfter {
+    /// One that lets so many looks pass.
+    pub fn new(looks: i64) -> Self {
+        Self(AtomicI64::new(looks))
+    }
+}
+
+impl Progress for StopsAfter {
+    fn begin(&self, _: &str, _: u64) {}
+    fn advance(&self, _: u64) {}
+    fn interrupted(&self) -> bool {
+        self.0.fetch_sub(1, Ordering::Relaxed) <= 0
+    }
 }

@@ -40,26 +40,41 @@ pub(super) fn scene(
         cache.map(|cache| cache.piece_key("WETM", &depends(spec, &files).each_ref().map(Vec::as_slice)));
     let report = meshes.scene.report.clone();
     let kept = cache.zip(key.as_ref()).and_then(|(cache, key)| cache.piece(key));
-    let kept = kept.and_then(|bytes| WetMapsSection::read(&bytes, 1, &Limits::default()).ok());
-    let record = match kept {
-        Some(record) => record,
+    let (record, left_out) = match kept.and_then(|bytes| unpacked(&bytes)) {
+        Some(kept) => kept,
         None => {
             let world = World::new(meshes.scene);
             let depths = |grid: &Grid| mask.as_ref().map_or_else(|| Ok(Vec::new()), |mask| mask.over(grid));
             let mask = mask.is_some().then_some(&depths as &squall_scene::Mask<'_>);
             let baked = bake_maps(&world, &settings(spec), mask, &Told(progress))
                 .map_err(|error| within_recipe(recipe, &spec.file, error))?;
-            section_of(&baked.maps)
+            let left_out = [baked.drips_left_out, baked.fins_left_out].map(|count| count as u64);
+            (section_of(&baked.maps), left_out)
         }
     };
-    let made = words(&record, report.triangles, report.left_out());
+    let made = words(&record, report.triangles, left_out, report.left_out());
     let section = checked(recipe, record)?;
     if let (Some(cache), Some(key)) = (cache, key) {
-        cache.keep_piece(&key, &section.to_bytes());
+        cache.keep_piece(&key, &packed(left_out, &section.to_bytes()));
     }
     let error = "heights within 1/65534, light within 1/4095 of its root".into();
     let report = clock.report("scene", made, section.length(), error);
     Ok(StageOutput { sections: vec![section], inputs, reports: vec![report], ..StageOutput::default() })
+}
+
+/// What a cache keeps: how many edges that drip and silhouettes the maps leave out, then the section.
+fn packed(left_out: [u64; 2], section: &[u8]) -> Vec<u8> {
+    let mut bytes = left_out.map(u64::to_le_bytes).as_flattened().to_vec();
+    bytes.extend_from_slice(section);
+    bytes
+}
+
+fn unpacked(bytes: &[u8]) -> Option<(WetMapsSection, [u64; 2])> {
+    let (counts, section) = bytes.split_first_chunk::<16>()?;
+    let (drips, fins) = counts.split_first_chunk::<8>()?;
+    let left_out = [u64::from_le_bytes(*drips), u64::from_le_bytes(fins.try_into().ok()?)];
+    let record = WetMapsSection::read(section, WetMapsSection::VERSION, &Limits::default()).ok()?;
+    Some((record, left_out))
 }
 
 /// What a reader would refuse is refused here, where the recipe is known.
@@ -80,7 +95,8 @@ fn checked(recipe: &Recipe, record: WetMapsSection) -> Result<OutSection, BakeEr
 fn within_recipe(recipe: &Recipe, scene: &Path, error: SceneError) -> BakeError {
     match error {
         SceneError::Input { field, wanted, found }
-            if ["region_m", "cell_m", "lightning.cell_m"].contains(&field.as_str()) =>
+            if ["region_m", "cell_m", "overhead.cell_m", "lightning.cell_m", "lightning.paths"]
+                .contains(&field.as_str()) =>
         {
             BakeError::input(&recipe.file, format!("scene.{field}"), wanted, found)
         }
@@ -124,7 +140,12 @@ fn settings(spec: &SceneSpec) -> MapSettings {
     }
 }
 
-fn words(record: &WetMapsSection, triangles: u64, left_out: Option<String>) -> String {
+fn words(
+    record: &WetMapsSection,
+    triangles: u64,
+    edges_left_out: [u64; 2],
+    left_out: Option<String>,
+) -> String {
     let mut parts = vec![format!("{triangles} triangles")];
     if let Some(height) = &record.height {
         parts.push(format!("{} × {} cells", height.size[0], height.size[1]));
@@ -134,7 +155,10 @@ fn words(record: &WetMapsSection, triangles: u64, left_out: Option<String>) -> S
         parts.push(format!("{wet} under water"));
     }
     let edges = [(record.drips.ends.len(), "edges drip"), (record.fins.ends.len(), "silhouettes")];
-    parts.extend(edges.iter().map(|(count, what)| format!("{count} {what}")));
+    parts.extend(edges.iter().zip(edges_left_out).map(|((count, what), more)| match more {
+        0 => format!("{count} {what}"),
+        more => format!("{count} {what} ({more} lesser ones left out)"),
+    }));
     if let Some(lightning) = &record.lightning {
         let [nx, ny, nz] = lightning.size;
         parts

@@ -7,7 +7,6 @@ use crate::error::RecipeError;
 use glam::DVec3;
 use serde::Deserialize;
 use squall_formats::section::response::towards_sun;
-use squall_formats::section::wet_maps::MOST_DIRECTIONS;
 use std::path::PathBuf;
 use toml::Spanned;
 
@@ -123,8 +122,9 @@ fn directions(
     let refuse = |wanted: &str, found: String| {
         Err(source.error(typed.span(), "scene.lightning.directions", wanted, found))
     };
-    if typed.get_ref().len() > MOST_DIRECTIONS {
-        return refuse("at most 16 key directions", typed.get_ref().len().to_string());
+    // The runtime mixes the light of two directions by two intensities.
+    if !matches!(typed.get_ref().len(), 0 | 2) {
+        return refuse("two key directions, of L1 and of L2, or none", typed.get_ref().len().to_string());
     }
     let mut out = Vec::new();
     for one in typed.get_ref() {

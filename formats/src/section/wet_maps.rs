@@ -72,7 +72,7 @@ pub struct FinRecords {
     pub within: BoxRecord,
     /// Ends of each in steps, one end after the other.
     pub ends: Vec<[u16; 6]>,
-    /// Normals of the two faces of each, times 127.
+    /// Unit normals of the two faces of each, times 127.
     pub normals: Vec<[i8; 6]>,
 }
 
@@ -110,6 +110,12 @@ type Wrong = (&'static str, &'static str, String);
 fn within(value: f64, low: f64, high: f64) -> bool {
     // No number lies in no range.
     value >= low && value <= high
+}
+
+/// Whether three steps are a unit vector times 127: rounding of three parts changes its length by less than 1.
+fn is_unit(normal: &[i8]) -> bool {
+    let squared: i32 = normal.iter().map(|part| i32::from(*part) * i32::from(*part)).sum();
+    (125 * 125..=129 * 129).contains(&squared)
 }
 
 /// How values that lie between two steps are rounded.
@@ -315,6 +321,9 @@ impl WetMapsSection {
         }
         if fins.ends.len() != fins.normals.len() {
             return Err(("fins.normals", "two a fin", fins.normals.len().to_string()));
+        }
+        if let Some(normals) = fins.normals.iter().find(|normals| !normals.chunks_exact(3).all(is_unit)) {
+            return Err(("fins.normals", "unit vectors times 127", format!("{normals:?}")));
         }
         self.lightning.as_ref().map_or(Ok(()), LightningRecord::check)
     }

@@ -18,6 +18,9 @@ const STRAIGHT: f32 = 0.9994;
 /// Cosine of the angle up to which normals are alike: 4°.
 const ALIKE: f32 = 0.9976;
 
+/// Pieces that meet in a corner of a line at most; every one of more would have to be compared with all others.
+const MOST_AT_A_CORNER: usize = 64;
+
 /// Puts pieces together that follow one another in a straight line with like normals; the order is that of the first pieces.
 pub(super) fn joined(pieces: Vec<Piece>) -> Vec<Piece> {
     let mut at: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
@@ -55,7 +58,8 @@ fn follower(
 ) -> Option<(usize, Vec3)> {
     let here = whole.ends[end];
     let along = (here - whole.ends[1 - end]).normalize_or_zero();
-    at.get(&welded(here))?.iter().filter(|next| !taken[**next]).find_map(|&next| {
+    let beside = at.get(&welded(here)).filter(|beside| beside.len() <= MOST_AT_A_CORNER)?;
+    beside.iter().filter(|next| !taken[**next]).find_map(|&next| {
         let piece = &pieces[next];
         let far = if welded(piece.ends[0]) == welded(here) { piece.ends[1] } else { piece.ends[0] };
         let straight = (far - here).normalize_or_zero().dot(along) > STRAIGHT;
@@ -64,4 +68,29 @@ fn follower(
         };
         (straight && (alike(0, 1) || alike(1, 0))).then_some((next, far))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_through_a_hub_of_many_edges_ends_there() {
+        let piece = |x: f32| Piece {
+            ends: [Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 0.0, 0.0)],
+            normals: [Vec3::Z; 2],
+            amount: 1.0,
+        };
+        let spoke = |at: usize| Piece {
+            ends: [Vec3::X, Vec3::new(1.0, 1.0 + at as f32, 1.0)],
+            normals: [Vec3::Z; 2],
+            amount: 0.0,
+        };
+        for (spokes, wanted) in [(MOST_AT_A_CORNER - 2, 1), (MOST_AT_A_CORNER - 1, 2)] {
+            let mut pieces = vec![piece(0.0), piece(1.0)];
+            pieces.extend((0..spokes).map(spoke));
+            let lines = joined(pieces);
+            assert_eq!(lines.iter().filter(|line| line.amount > 0.0).count(), wanted, "{spokes}");
+        }
+    }
 }

@@ -1,8 +1,11 @@
 //! Edges from which water drips: of faces that look up, with air below.
 
 use super::chain::{Piece, joined};
-use super::{Edge, edges_of};
-use crate::flow::{AWAY, Flooded, gathered_m2};
+use super::{Edge, Kept, edges_of};
+use crate::Progress;
+use crate::error::SceneError;
+use crate::flow::{AWAY, Flooded, gathered_m2, marked};
+use crate::heights::Grid;
 use crate::world::{Ray, World};
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
@@ -33,12 +36,20 @@ const LEAST_UP: f32 = 0.26;
 const BEYOND_M: f32 = 0.02;
 
 /// Edges that drip, with the area that drains over each. Water runs on the uppermost surface alone: what lies under a roof gets none.
-pub fn bake_drips(world: &World, flooded: &Flooded, settings: &DripSettings) -> Vec<DripEdge> {
+///
+/// Errors: edges beside more falling cells than [`MOST_NEAR`], or longer in sum than [`MOST_STEPS`]; an interruption.
+pub fn bake_drips(
+    world: &World,
+    flooded: &Flooded,
+    settings: &DripSettings,
+    progress: &dyn Progress,
+) -> Result<Kept<DripEdge>, SceneError> {
     let candidates: Vec<Edge> = edges_of(world.scene(), settings.shortest_m)
         .into_par_iter()
-        .filter(|edge| drips(world, edge, settings.least_fall_m))
+        .filter(|edge| !progress.interrupted() && drips(world, edge, settings.least_fall_m))
         .collect();
-    let amounts = drained(&candidates, flooded, settings.least_fall_m);
+    progress.check()?;
+    let amounts = drained(&candidates, flooded, settings.least_fall_m, progress)?;
     let pieces = candidates.iter().zip(amounts).map(|(edge, amount)| Piece {
         ends: edge.ends,
         normals: edge.normals,
@@ -49,11 +60,12 @@ pub fn bake_drips(world: &World, flooded: &Flooded, settings: &DripSettings) -> 
         .filter(|piece| piece.amount >= f64::from(settings.least_area_m2))
         .map(|piece| DripEdge { ends_m: piece.ends.map(Vec3::as_dvec3), drains_m2: piece.amount as f32 })
         .collect();
-    if drips.len() > settings.most {
+    let left_out = drips.len().saturating_sub(settings.most);
+    if left_out > 0 {
         drips.sort_by(|a, b| b.drains_m2.total_cmp(&a.drains_m2));
         drips.truncate(settings.most);
     }
-    drips
+    Ok(Kept { edges: drips, left_out })
 }
 
 /// Whether one of an edge's faces looks up and ends there, and what falls beyond it falls far enough.
@@ -82,10 +94,15 @@ fn meets(world: &World, origin: Vec3, direction: Vec3, far: f32) -> bool {
     world.first(&Ray { origin, direction }, far, false).is_some()
 }
 
-/// Area that drains over each edge: what gathers in cells from which water falls, given to the edge that is nearest to the fall.
-fn drained(edges: &[Edge], flooded: &Flooded, least_fall_m: f32) -> Vec<f64> {
-    let mut amounts = vec![0.0; edges.len()];
-    let (grid, area) = (flooded.grid, gathered_m2(flooded));
+/// Most pairs of an edge and a falling cell beside it: 512 MB.
+pub const MOST_NEAR: usize = 1 << 26;
+/// Most half cells along all edges that may drip.
+pub const MOST_STEPS: f64 = (1u64 << 31) as f64;
+
+/// Cells from which water falls.
+fn falling(flooded: &Flooded, least_fall_m: f32) -> Vec<bool> {
+    let grid = flooded.grid;
+    let drains = marked(&flooded.drains, grid.cells());
     let falls = |cell: usize| {
         let to = flooded.to[cell];
         let outer = {
@@ -94,16 +111,40 @@ fn drained(edges: &[Edge], flooded: &Flooded, least_fall_m: f32) -> Vec<f64> {
         };
         match to {
             // Beside nothing water falls too; at the map's edge, or into a drain, nobody knows.
-            AWAY => !outer && !flooded.level[cell].is_nan() && !flooded.drains.contains(&(cell as u32)),
+            AWAY => !outer && !flooded.level[cell].is_nan() && !drains[cell],
             to => flooded.level[cell] - flooded.level[to as usize] >= least_fall_m,
         }
     };
-    // Which edges pass near a cell.
-    let reach = 1.5 * grid.cell_m;
-    let mut near: Vec<Vec<u32>> = vec![Vec::new(); if edges.is_empty() { 0 } else { grid.cells() }];
-    for (index, edge) in edges.iter().enumerate() {
+    (0..grid.cells()).map(falls).collect()
+}
+
+/// Cells from which water falls beside edges: pairs of cell and edge in their order, at most so many.
+fn beside(
+    edges: &[Edge],
+    grid: &Grid,
+    falls: &[bool],
+    most: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<(u32, u32)>, SceneError> {
+    let too_many = |wanted: String, found: String| SceneError::input("cell_m", wanted, found);
+    let halves = |edge: &Edge| {
         let [a, b] = edge.ends.map(|end| end.truncate().as_dvec2());
-        let steps = ((a.distance(b) / (0.5 * grid.cell_m)) as usize).min(4 * crate::heights::MOST_CELLS);
+        ((a.distance(b) / (0.5 * grid.cell_m)) as usize).min(4 * crate::heights::MOST_CELLS)
+    };
+    let steps: f64 = edges.iter().map(|edge| 1.0 + halves(edge) as f64).sum();
+    if steps > MOST_STEPS {
+        let wanted =
+            format!("larger cells: edges that may drip of at most {MOST_STEPS:.1e} half cells in sum");
+        return Err(too_many(wanted, format!("{steps:.1e}")));
+    }
+    let (mut near, mut here) = (Vec::new(), Vec::new());
+    for (index, edge) in edges.iter().enumerate() {
+        if index % EDGES_A_LOOK == 0 {
+            progress.check()?;
+        }
+        let [a, b] = edge.ends.map(|end| end.truncate().as_dvec2());
+        let steps = halves(edge);
+        here.clear();
         for step in 0..=steps {
             let at = a.lerp(b, step as f64 / steps.max(1) as f64);
             // The nine cells around: where an edge lies on their border rounding may take it for either's.
@@ -112,19 +153,42 @@ fn drained(edges: &[Edge], flooded: &Flooded, least_fall_m: f32) -> Vec<f64> {
                 ((at - 1.0).max(0.0) as usize)..((at + 2.0).clamp(0.0, cells as f64) as usize)
             };
             for y in range(at.y, grid.size[1]) {
-                for x in range(at.x, grid.size[0]) {
-                    let near = &mut near[y * grid.size[0] + x];
-                    if near.last() != Some(&(index as u32)) {
-                        near.push(index as u32);
-                    }
-                }
+                let cells = range(at.x, grid.size[0]).map(|x| y * grid.size[0] + x);
+                here.extend(cells.filter(|cell| falls[*cell]).map(|cell| (cell as u32, index as u32)));
             }
         }
-    }
-    for cell in 0..near.len() {
-        if near[cell].is_empty() || !falls(cell) {
-            continue;
+        here.sort_unstable();
+        here.dedup();
+        near.append(&mut here);
+        if near.len() > most {
+            let wanted =
+                format!("larger cells: at most {most} pairs of an edge and a cell from which water falls");
+            return Err(too_many(wanted, "more".into()));
         }
+    }
+    near.par_sort_unstable();
+    Ok(near)
+}
+
+/// Edges between two looks at whether somebody wants to stop.
+const EDGES_A_LOOK: usize = 256;
+
+/// Area that drains over each edge: what gathers in cells from which water falls, given to the edge that is nearest to the fall.
+fn drained(
+    edges: &[Edge],
+    flooded: &Flooded,
+    least_fall_m: f32,
+    progress: &dyn Progress,
+) -> Result<Vec<f64>, SceneError> {
+    let mut amounts = vec![0.0; edges.len()];
+    if edges.is_empty() {
+        return Ok(amounts);
+    }
+    let (grid, area) = (flooded.grid, gathered_m2(flooded));
+    let near = beside(edges, &grid, &falling(flooded, least_fall_m), MOST_NEAR, progress)?;
+    let reach = 1.5 * grid.cell_m;
+    for pairs in near.chunk_by(|a, b| a.0 == b.0) {
+        let cell = pairs[0].0 as usize;
         let middle = grid.middle(cell % grid.size[0], cell / grid.size[0]);
         let to = match flooded.to[cell] {
             AWAY => middle,
@@ -132,9 +196,9 @@ fn drained(edges: &[Edge], flooded: &Flooded, least_fall_m: f32) -> Vec<f64> {
         };
         let crossing = 0.5 * (middle + to);
         let level = flooded.level[cell];
-        let nearest = near[cell]
+        let nearest = pairs
             .iter()
-            .map(|&index| {
+            .map(|&(_, index)| {
                 let edge = &edges[index as usize];
                 (distance(crossing, edge), (edge.middle().z - level).abs(), index)
             })
@@ -145,7 +209,7 @@ fn drained(edges: &[Edge], flooded: &Flooded, least_fall_m: f32) -> Vec<f64> {
             amounts[index as usize] += area[cell];
         }
     }
-    amounts
+    Ok(amounts)
 }
 
 /// Distance over the ground of a place from an edge, m.
@@ -159,16 +223,23 @@ fn distance(place: DVec2, edge: &Edge) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Quiet;
     use crate::flow::bake_flooded;
-    use crate::heights::{Grid, bake_heights};
+    use crate::heights::bake_heights;
     use crate::scene::Scene;
-    use crate::testing::{cuboid, quad};
+    use crate::testing::{StopsAfter, cuboid, quad};
 
-    fn drips_of(scene: Scene) -> Vec<DripEdge> {
+    fn flooded_of(scene: Scene) -> (World, Flooded) {
         let world = World::new(scene);
         let grid = Grid::over(DVec2::splat(-8.0), DVec2::splat(8.0), 0.1).unwrap();
-        let flooded = bake_flooded(&bake_heights(world.scene(), grid), 0.3);
-        bake_drips(&world, &flooded, &DripSettings::default())
+        let heights = bake_heights(world.scene(), grid, &Quiet).unwrap();
+        let flooded = bake_flooded(&heights, 0.3, &Quiet).unwrap();
+        (world, flooded)
+    }
+
+    fn drips_of(scene: Scene) -> Vec<DripEdge> {
+        let (world, flooded) = flooded_of(scene);
+        bake_drips(&world, &flooded, &DripSettings::default(), &Quiet).unwrap().edges
     }
 
     fn ground() -> Scene {
@@ -212,5 +283,29 @@ mod tests {
         // Its own 6 m², and what the wall's flat roof sheds above it.
         assert!(outer[0].drains_m2 > 5.5, "{:?}", outer[0]);
         assert!((outer[0].ends_m[0].distance(outer[0].ends_m[1]) - 4.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn edges_beyond_the_most_are_counted_and_bounds_and_interruptions_hold() {
+        let mut scene = ground();
+        cuboid(&mut scene, [-2.0, -3.0, 0.0], [2.0, 3.0, 3.0], 0);
+        let (world, flooded) = flooded_of(scene);
+        let all = bake_drips(&world, &flooded, &DripSettings::default(), &Quiet).unwrap();
+        assert_eq!((all.edges.len(), all.left_out), (4, 0));
+        let one = DripSettings { most: 1, ..DripSettings::default() };
+        let one = bake_drips(&world, &flooded, &one, &Quiet).unwrap();
+        assert_eq!((one.edges.len(), one.left_out), (1, 3));
+        assert!(all.edges.iter().all(|edge| edge.drains_m2 <= one.edges[0].drains_m2));
+        let stopped = bake_drips(&world, &flooded, &DripSettings::default(), &StopsAfter::new(0));
+        assert_eq!(stopped.unwrap_err(), SceneError::Interrupted);
+        // Pairs are of falling cells alone, in their order, and no more than allowed.
+        let falls = falling(&flooded, 0.4);
+        let edges = edges_of(world.scene(), 0.05);
+        let near = beside(&edges, &flooded.grid, &falls, MOST_NEAR, &Quiet).unwrap();
+        assert!(near.is_sorted() && near.windows(2).all(|pair| pair[0] != pair[1]));
+        assert!(near.len() > 100 && near.iter().all(|(cell, _)| falls[*cell as usize]));
+        assert!(beside(&edges, &flooded.grid, &falls, near.len(), &Quiet).is_ok());
+        let error = beside(&edges, &flooded.grid, &falls, near.len() - 1, &Quiet).unwrap_err().to_string();
+        assert!(error.contains("pairs of an edge and a cell"), "{error}");
     }
 }

@@ -1,7 +1,9 @@
 //! Silhouettes on which drops burst: convex edges that rain reaches.
 
 use super::chain::{Piece, joined};
-use super::{Edge, edges_of};
+use super::{Edge, Kept, edges_of};
+use crate::Progress;
+use crate::error::SceneError;
 use crate::world::{Ray, World};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -30,18 +32,27 @@ const SHORTEST_PIECE_M: f32 = 0.02;
 const AROUND_M: f32 = 0.03;
 
 /// Silhouettes: convex edges from beside which the sky straight above is free.
-pub fn bake_fins(world: &World, settings: &FinSettings) -> Vec<Fin> {
+///
+/// Errors: an interruption.
+pub fn bake_fins(
+    world: &World,
+    settings: &FinSettings,
+    progress: &dyn Progress,
+) -> Result<Kept<Fin>, SceneError> {
     let bent = libm::cosf(settings.least_angle_rad);
     let pieces: Vec<Piece> = edges_of(world.scene(), SHORTEST_PIECE_M)
         .into_par_iter()
+        // Slivers that single precision gives no normal have no sides either.
+        .filter(|edge| edge.normals.iter().all(|normal| normal.is_normalized()))
         .filter(|edge| edge.convex && (!edge.shared || edge.normals[0].dot(edge.normals[1]) < bent))
-        .filter(|edge| is_free(world, edge) && is_rained_on(world, edge))
+        .filter(|edge| !progress.interrupted() && is_free(world, edge) && is_rained_on(world, edge))
         .map(|edge| {
             // A sheet's edge has its two sides for faces.
             let other = if edge.shared { edge.normals[1] } else { -edge.normals[0] };
             Piece { ends: edge.ends, normals: [edge.normals[0], other], amount: 0.0 }
         })
         .collect();
+    progress.check()?;
     let mut fins: Vec<Fin> = joined(pieces)
         .into_iter()
         .filter(|piece| piece.ends[0].distance(piece.ends[1]) >= settings.shortest_m)
@@ -50,12 +61,13 @@ pub fn bake_fins(world: &World, settings: &FinSettings) -> Vec<Fin> {
             normals: piece.normals.map(Vec3::as_dvec3),
         })
         .collect();
-    if fins.len() > settings.most {
+    let left_out = fins.len().saturating_sub(settings.most);
+    if left_out > 0 {
         let length = |fin: &Fin| fin.ends_m[0].distance_squared(fin.ends_m[1]);
         fins.sort_by(|a, b| length(b).total_cmp(&length(a)));
         fins.truncate(settings.most);
     }
-    fins
+    Ok(Kept { edges: fins, left_out })
 }
 
 /// Whether an edge is one: nothing goes on where its faces end. Meshes of one surface need not share corners, and boxes stand on ground that
@@ -85,11 +97,12 @@ fn is_rained_on(world: &World, edge: &Edge) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Quiet;
     use crate::scene::Scene;
-    use crate::testing::{cuboid, quad};
+    use crate::testing::{StopsAfter, cuboid, quad};
 
     fn fins_of(scene: Scene) -> Vec<Fin> {
-        bake_fins(&World::new(scene), &FinSettings::default())
+        bake_fins(&World::new(scene), &FinSettings::default(), &Quiet).unwrap().edges
     }
 
     #[test]
@@ -128,5 +141,31 @@ mod tests {
         assert_eq!(ridge.clone().count(), 1, "{fins:?}");
         let fin = ridge.clone().next().unwrap();
         assert!((fin.ends_m[0].distance(fin.ends_m[1]) - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn silhouettes_beyond_the_most_are_counted_and_the_longest_stay() {
+        let mut scene = Scene::default();
+        cuboid(&mut scene, [-1.0, -1.0, 0.0], [1.0, 1.0, 5.0], 0);
+        let world = World::new(scene);
+        let all = bake_fins(&world, &FinSettings::default(), &Quiet).unwrap();
+        let some = FinSettings { most: 3, ..FinSettings::default() };
+        let some = bake_fins(&world, &some, &Quiet).unwrap();
+        assert_eq!((some.edges.len(), some.left_out, all.left_out), (3, all.edges.len() - 3, 0));
+        assert!(some.edges.iter().all(|fin| fin.ends_m[0].distance(fin.ends_m[1]) > 4.9), "{some:?}");
+        let stopped = bake_fins(&world, &FinSettings::default(), &StopsAfter::new(0));
+        assert_eq!(stopped.unwrap_err(), SceneError::Interrupted);
+    }
+
+    #[test]
+    fn a_triangle_without_a_normal_has_no_silhouettes() {
+        let mut scene = Scene::default();
+        quad(&mut scene, [0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 0);
+        // Corners of one line, as rounding leaves them far from the origin.
+        scene.triangles.push([5.0, 6.0, 7.0].map(|x| Vec3::new(x, 5.0, 0.0)));
+        scene.material.push(0);
+        let fins = fins_of(scene);
+        assert_eq!(fins.len(), 4, "{fins:?}");
+        assert!(fins.iter().flat_map(|fin| fin.normals).all(|normal| normal.is_normalized()));
     }
 }

@@ -116,4 +116,30 @@ fn wrong_scenes_and_keys_are_refused_by_file_and_field() {
     refused(&with("puddles_white_m = 0.1"), &scene, "`puddles` beside it");
     refused(&with("celll_m = 0.1"), &scene, "the nearest is `cell_m`");
     refused(&with("[scene.overhead]\npoints = 0"), &scene, "scene.overhead.points");
+    refused(&with("[scene.overhead]\ncell_m = 0.0009"), &scene, "scene.overhead.cell_m");
+    let from = |count: usize| {
+        let one = "{ azimuth_deg = 10.0, elevation_deg = 40.0 }";
+        QUICK.replace("paths = 16", &format!("paths = 16\ndirections = [{}]", vec![one; count].join(", ")))
+    };
+    for count in [1, 3] {
+        let words = format!(
+            "scene.lightning.directions: wanted two key directions, of L1 and of L2, or none, found {count}"
+        );
+        refused(&from(count), &scene, &words);
+    }
+    for count in [0, 2] {
+        let (_folder, recipe) = folder(&from(count), &scene);
+        assert_eq!(recipe.unwrap().scene.unwrap().directions.len(), count);
+    }
+}
+
+#[test]
+fn edges_that_the_maps_leave_out_are_said_and_kept() {
+    let record = WetMapsSection::default();
+    let said = words(&record, 7, [12, 0], Some("3 triangles without area left out".into()));
+    let wanted = "7 triangles, 0 edges drip (12 lesser ones left out), 0 silhouettes, 3 triangles without area left out";
+    assert_eq!(said, wanted);
+    let bytes = packed([12, 5], &record.write().to_bytes());
+    assert_eq!(unpacked(&bytes), Some((record, [12, 5])));
+    assert!((0..bytes.len()).all(|cut| unpacked(&bytes[..cut]).is_none()));
 }

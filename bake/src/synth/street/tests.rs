@@ -27,14 +27,14 @@ fn a_street_is_small_reads_back_whole_and_is_the_same_again() {
 fn its_road_has_a_crown_kerbs_and_hollows_that_fill() {
     let scene = street();
     let grid = Grid::over(DVec2::new(-24.0, -7.0), DVec2::new(24.0, 7.0), 0.1).unwrap();
-    let heights = bake_heights(&scene, grid);
+    let heights = bake_heights(&scene, grid, &squall_scene::Quiet).unwrap();
     let mean = |y: f64| {
         let row =
             (0..400).map(|k| heights.middle[grid.cell(DVec2::new(-19.95 + 0.1 * f64::from(k), y)).unwrap()]);
         row.sum::<f32>() / 400.0
     };
     assert!(mean(0.05) > mean(3.75) + 0.05 && mean(4.55) > mean(3.95) + 0.05);
-    let flooded = squall_scene::flow::bake_flooded(&heights, 0.3);
+    let flooded = squall_scene::flow::bake_flooded(&heights, 0.3, &squall_scene::Quiet).unwrap();
     let wet = flooded.depth_m.iter().filter(|depth| **depth > 0.002).count() as f64 * 0.01;
     let deepest = flooded.depth_m.iter().copied().fold(0.0, f32::max);
     // Of 384 m² of road some stand under water, nowhere deeper than a shoe.

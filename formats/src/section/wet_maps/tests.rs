@@ -33,7 +33,7 @@ fn maps() -> WetMapsSection {
 }
 
 fn read(bytes: &[u8]) -> Result<WetMapsSection, ReadError> {
-    WetMapsSection::read(bytes, 1, &Limits::default())
+    WetMapsSection::read(bytes, WetMapsSection::VERSION, &Limits::default())
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn maps_cut_at_any_byte_and_other_versions_are_refused() {
 #[test]
 fn numbers_out_of_range_are_refused_by_name() {
     type Spoil = fn(&mut WetMapsSection);
-    let spoils: [(&str, Spoil); 13] = [
+    let spoils: [(&str, Spoil); 16] = [
         ("map.origin_m", |s| s.height.as_mut().unwrap().origin_m[1] = f64::NAN),
         ("map.cell_m", |s| s.water.as_mut().unwrap().cell_m = 0.0),
         ("map.size", |s| s.water.as_mut().unwrap().size = [0, 12]),
@@ -93,6 +93,9 @@ fn numbers_out_of_range_are_refused_by_name() {
         ("box", |s| s.fins.within.step_m[0] = -1.0),
         ("drips.drains_m2", |s| s.drips.drains_m2[0] = f32::NAN),
         ("fins.normals", |s| s.fins.normals.clear()),
+        ("fins.normals", |s| s.fins.normals[0] = [0, 0, 127, 0, 0, 0]),
+        ("fins.normals", |s| s.fins.normals[0] = [0, 0, 123, 127, 0, 0]),
+        ("fins.normals", |s| s.fins.normals[0] = [127, 127, 127, 0, 0, 127]),
         ("lightning.directions", |s| s.lightning.as_mut().unwrap().directions[0] = [0.0; 3]),
         ("lightning.peaks", |s| s.lightning.as_mut().unwrap().peaks[0][0] = -1.0),
         ("lightning.steps", |s| s.lightning.as_mut().unwrap().size = [2, 2, 3]),
