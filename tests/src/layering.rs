@@ -99,9 +99,10 @@ fn dependencies_run_from_bake_to_runtime_to_transport_to_formats_and_never_back(
     assert_eq!(own("squall-runtime"), ["squall-formats", "squall-transport"]);
     assert_eq!(own("squall-wasm"), ["squall-runtime"]);
     assert_eq!(own("squall-page"), ["squall-runtime"]);
-    assert_eq!(own("squall-bake"), ["squall-formats", "squall-runtime"]);
+    assert_eq!(own("squall-scene"), ["squall-formats", "squall-runtime"]);
+    assert_eq!(own("squall-bake"), ["squall-formats", "squall-runtime", "squall-scene"]);
     assert_eq!(own("squall-tests"), ["squall-bake", "squall-formats", "squall-page", "squall-runtime"]);
-    assert_eq!(workspace["packages"].as_array().unwrap().len(), 7);
+    assert_eq!(workspace["packages"].as_array().unwrap().len(), 8);
 }
 
 #[test]
