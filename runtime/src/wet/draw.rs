@@ -189,7 +189,7 @@ impl WetRenderer {
             std::mem::take(&mut self.picture),
             std::mem::take(&mut self.wet),
         );
-        let report = self.draw_layers(frame, settings, (&mut memory.0, &mut memory.1, &mut memory.2));
+        let report = self.draw_layers(frame, settings, &mut memory.0, [&mut memory.1, &mut memory.2]);
         (self.layers, self.picture, self.wet) = memory;
         report
     }
@@ -199,7 +199,8 @@ impl WetRenderer {
         &mut self,
         frame: &WetFrame<'_>,
         settings: &WetSettings,
-        (layers, picture, wet): (&mut [(Effect, Layer)], &mut Vec<[f32; 3]>, &mut Vec<[f32; 3]>),
+        layers: &mut [(Effect, Layer)],
+        [picture, wet]: [&mut Vec<[f32; 3]>; 2],
     ) -> Result<WetReport, RuntimeError> {
         picture.clear();
         picture.extend_from_slice(frame.colour);
