@@ -89,19 +89,20 @@ pub fn bake_flooded(
     progress: &dyn Progress,
 ) -> Result<Flooded, SceneError> {
     let mut drains: Vec<u32> = Vec::new();
-    for round in 0.. {
-        let mut flooded = flood(heights, &drains, progress)?;
-        let more = if round < MOST_ROUNDS { too_deep(&flooded, deepest_m) } else { Vec::new() };
+    let mut flooded = flood(heights, &drains, progress)?;
+    for _ in 0..MOST_ROUNDS {
+        let more = too_deep(&flooded, deepest_m);
         if more.is_empty() {
-            for depth in &mut flooded.depth_m {
-                *depth = if *depth < LEAST_DEPTH_M { 0.0 } else { depth.min(deepest_m) };
-            }
-            flooded.drains = drains;
-            return Ok(flooded);
+            break;
         }
         drains.extend(more);
+        flooded = flood(heights, &drains, progress)?;
     }
-    unreachable!("the rounds end")
+    for depth in &mut flooded.depth_m {
+        *depth = if *depth < LEAST_DEPTH_M { 0.0 } else { depth.min(deepest_m) };
+    }
+    flooded.drains = drains;
+    Ok(flooded)
 }
 
 /// Cells between two looks at whether somebody wants to stop.

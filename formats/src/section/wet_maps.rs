@@ -262,7 +262,7 @@ impl LightningRecord {
     pub fn harmonics(&self) -> Vec<[f32; 9]> {
         let nodes = self.steps.len() / self.directions.len().max(1);
         let of = |(at, steps): (usize, &[i16; 9])| {
-            let peaks = &self.peaks[at / nodes.max(1)];
+            let peaks = self.peaks.get(at / nodes.max(1)).copied().unwrap_or_default();
             std::array::from_fn(|k| f32::from(steps[k]) * (peaks[k] / 32_767.0))
         };
         self.steps.iter().enumerate().map(of).collect()

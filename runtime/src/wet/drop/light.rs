@@ -66,12 +66,12 @@ impl LightMemory {
         eye: &'a Eye,
         controls: &LightControls,
     ) -> DropLight<'a> {
-        if self.known.as_ref().is_none_or(|known| known.0 != *frame.light) {
-            let mirror = frame.light.in_scattering(&Phase::HenyeyGreenstein(MIRROR_ASYMMETRY));
-            self.known = Some(Box::new((frame.light.clone(), mirror)));
-        }
         let Self { known, small, balls } = self;
-        let (_, world) = &**known.as_ref().expect("made above");
+        let kept = known.take().filter(|known| known.0 == *frame.light);
+        let (_, world) = &**known.insert(kept.unwrap_or_else(|| {
+            let mirror = frame.light.in_scattering(&Phase::HenyeyGreenstein(MIRROR_ASYMMETRY));
+            Box::new((frame.light.clone(), mirror))
+        }));
         let columns = shrink(frame.colour, eye.size, small);
         balls.clear(controls.paper);
         DropLight {
