@@ -9,7 +9,7 @@ use crate::registers::{self, Look, Plain, Registers, Work, positive};
 use glam::Vec4;
 
 /// Widest and highest tile, px.
-pub(super) const TILE: [usize; 2] = [128, 64];
+pub(super) const TILE: [usize; 2] = [128, 128];
 /// Pixels beside a tile that lines of pixels may begin or end in, and that nothing reads.
 pub(crate) const MARGIN: usize = BLOCK;
 /// Pixels from one row to the next: an odd number of lines of the cache, so that rows do not evict each other.

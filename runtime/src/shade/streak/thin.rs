@@ -27,7 +27,7 @@ use crate::rain::veil::{Paint, Veil};
 use crate::registers::{self, Plain, Registers};
 use lines::{Along, Lay};
 use squall_formats::section::streak::Pattern;
-use tables::{gather_light, products, tabulate_across, tabulate_along};
+use tables::{gather_light, lit, products, tabulate_across, tabulate_along};
 
 /// Products of light; and those of a table, the coverage's as the last.
 const LIGHTS: usize = 3;
@@ -83,11 +83,14 @@ struct Across {
     values: Vec<f32>,
     /// The same with as many products and pixels as the next wider class has, where those are others.
     wider: Option<Vec<f32>>,
-    /// Largest value of the coverage's.
-    peak: f32,
 }
 
 impl Across {
+    /// Largest value of the coverage's.
+    fn peak(&self) -> f32 {
+        self.values.chunks_exact(self.rank).map(|packet| packet[self.rank - 1]).fold(0.0, f32::max)
+    }
+
     /// The table that is mixed with the next wider class's.
     #[inline(always)]
     fn as_wide(&self) -> &[f32] {
@@ -102,8 +105,11 @@ pub struct Thin {
     across: Vec<Across>,
     /// By length: packets over the picture and half a pixel on both sides.
     along: Vec<Vec<Nodes>>,
-    /// Largest value of each one's coverage.
+    /// Where each of them has light.
+    along_lit: Vec<[f32; 2]>,
+    /// Largest value of each one's coverage, and of each table's across.
     along_peaks: Vec<f32>,
+    across_peaks: Vec<f32>,
     /// The classes' widths and lengths, pixels, and whole pixels on each side that a width's light reaches.
     widths: [f64; WIDTHS],
     halves: [u16; WIDTHS],
@@ -227,10 +233,13 @@ impl Thin {
         let along = tabulate_along(&along, scale);
         let reach = reach_of(&across, &energies);
         let halves: [usize; WIDTHS] = std::array::from_fn(|class| half_of(class, reach));
+        let across_tables = tabulate_across(&across, &energies, &halves);
         let peak = |table: &Vec<Nodes>| table.iter().map(|[value, _]| value[LIGHTS]).fold(0.0, f32::max);
         Self {
-            across: tabulate_across(&across, &energies, &halves),
+            along_lit: along.iter().map(|table| lit(table)).collect(),
             along_peaks: along.iter().map(peak).collect(),
+            across_peaks: across_tables.iter().map(Across::peak).collect(),
+            across: across_tables,
             along,
             widths: std::array::from_fn(class_width),
             halves: halves.map(|half| half as u16),
@@ -298,7 +307,7 @@ impl Thin {
         veil: &mut Veil,
     ) -> bool {
         let at = place.class as usize * SHIFTS.len() + place.slant as usize;
-        let tables = [at, at + 1, at + SHIFTS.len(), at + SHIFTS.len() + 1].map(|at| self.across[at].peak);
+        let tables = [at, at + 1, at + SHIFTS.len(), at + SHIFTS.len() + 1].map(|at| self.across_peaks[at]);
         let peak = tables.into_iter().fold(0.0, f32::max) * self.along_peaks[place.length_class as usize];
         // A NaN is not.
         let is_thin = peak * place.weight * paint.strength <= THIN_COVER;
@@ -306,7 +315,7 @@ impl Thin {
             return false;
         }
         let [lines, fast] = if place.level { clip } else { [clip[1], clip[0]] };
-        let lines = place.lines_within(lines, fast, self.blocks(place));
+        let lines = place.lines_within(lines, fast, self.along_lit[place.length_class as usize]);
         registers::run(Lay { thin: self, place, mixed, lines, paint, veil });
         true
     }
@@ -321,14 +330,13 @@ impl Thin {
     ) {
         let blocks = self.mix(Plain, place, 1.0, mixed);
         let [lines, fast] = if place.level { clip } else { [clip[1], clip[0]] };
-        ribbon.begin(place.level, place.lines_within(lines, fast, blocks), blocks);
+        ribbon.begin(
+            place.level,
+            place.lines_within(lines, fast, self.along_lit[place.length_class as usize]),
+            blocks,
+        );
         let along = Along::new(place, &self.along[place.length_class as usize]);
         lines::fill(place, &along, (mixed, blocks), ribbon);
-    }
-
-    /// Blocks of a line.
-    fn blocks(&self, place: &ThinPlace) -> usize {
-        self.across[(place.class as usize + 1) * SHIFTS.len()].blocks
     }
 
     /// The table of a place's own width and slant, seen in the direction of its lines, times its weight and `strength`: by node and block; how many blocks to a node.
@@ -395,20 +403,30 @@ fn single(table: &[f32]) -> &[[f32; BLOCK]] {
 }
 
 impl ThinPlace {
-    /// Those of `lines` that may meet the pixels `fast`, with `blocks` to a line.
-    fn lines_within(&self, lines: [i32; 2], fast: [i32; 2], blocks: usize) -> [i32; 2] {
+    /// Those of `lines` that may meet the pixels `fast` and have light between the nodes `lit` along.
+    fn lines_within(&self, lines: [i32; 2], fast: [i32; 2], lit: [f32; 2]) -> [i32; 2] {
         /// Below this, pixels a line, a streak meets them with all of its lines or next to none.
         const UPRIGHT: f32 = 1e-2;
-        if self.lean.abs() < UPRIGHT {
-            return lines;
+        let half = f32::from(self.half);
+        // Pixels beside the streak's middle stand at other places along it than the middle does.
+        let beside = (half + 1.0) * self.along_steps[1].abs();
+        let [near, far] = [-beside, beside].map(|side| side - self.along_radius);
+        let per_line = 1.0 / self.along_steps[0];
+        let (near, far) = (
+            (lit[0] / self.along_per_pixel + near) * per_line,
+            (lit[1] / self.along_per_pixel + far) * per_line,
+        );
+        let mut ends = [near.min(far) + self.middle[1], near.max(far) + self.middle[1]];
+        if self.lean.abs() >= UPRIGHT {
+            let reach = 2.0 * half + BLOCK as f32 + 1.0;
+            let per_pixel = 1.0 / self.lean;
+            let [a, b] = [fast[0] as f32 - reach, fast[1] as f32 + reach]
+                .map(|end| (end - self.middle[0]) * per_pixel + self.middle[1]);
+            ends = [ends[0].max(a.min(b)), ends[1].min(a.max(b))];
         }
-        let reach = (blocks * BLOCK) as f32 + 1.0;
-        let ends = [fast[0] as f32 - reach, fast[1] as f32 + reach];
-        let [a, b] = ends.map(|end| (end - self.middle[0]) / self.lean + self.middle[1]);
         // Casts saturate.
-        let (first, end) = (a.min(b) as i32, a.max(b) as i32);
-        let first = lines[0].max(first.saturating_sub(1));
-        [first, lines[1].min(end.saturating_add(2)).max(first)]
+        let first = lines[0].max((ends[0] as i32).saturating_sub(1));
+        [first, lines[1].min((ends[1] as i32).saturating_add(2)).max(first)]
     }
 }
 

@@ -186,8 +186,7 @@ pub(super) fn tabulate_across(
             let table = |(half, rank)| tabulate(profiles, (class_width(class), shift), half, rank);
             let wider = (wider != own).then(|| table(wider));
             let values = table(own);
-            let peak = values.chunks_exact(own.1).map(|packet| packet[own.1 - 1]).fold(0.0, f32::max);
-            tables.push(Across { rank: own.1, blocks: blocks_of(own.0), values, wider, peak });
+            tables.push(Across { rank: own.1, blocks: blocks_of(own.0), values, wider });
         }
     }
     tables
@@ -223,6 +222,22 @@ fn tabulate(profiles: &[Profile], (width, shift): (f64, f64), half: usize, rank:
         }
     }
     values
+}
+
+/// The first and the last place along, in nodes, that any product shows something at: all that is left of a streak.
+pub(super) fn lit(table: &[Nodes]) -> [f32; 2] {
+    /// Share of a product's largest value that counts as none.
+    const FAINT: f32 = 1e-3;
+    let shows =
+        |value: &Packet, most: &Packet| value.iter().zip(most).any(|(v, most)| v.abs() > FAINT * most);
+    let mut most = [0.0f32; RANK];
+    for [value, _] in table {
+        most.iter_mut().zip(value).for_each(|(most, value)| *most = most.max(value.abs()));
+    }
+    let place = |at: Option<usize>, usual: usize| at.unwrap_or(usual) as f32;
+    let first = table.iter().position(|[value, _]| shows(value, &most));
+    let last = table.iter().rposition(|[value, _]| shows(value, &most));
+    [place(first, 0) - 1.0, place(last, table.len()) + 1.0]
 }
 
 /// Packets along, and their gains, for every length.
