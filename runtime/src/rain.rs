@@ -36,6 +36,7 @@ mod streak;
 pub mod under;
 #[cfg(feature = "gpu")]
 mod upload;
+pub mod veil;
 pub mod volume;
 mod window;
 

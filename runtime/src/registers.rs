@@ -2,6 +2,8 @@
 //!
 //! All of them run the same additions and multiplications in the same order, none fused, so that the bytes are the same.
 
+use glam::Vec4;
+
 /// Runs `work`, which is inlined, with the widest registers of this machine.
 #[cfg(feature = "simd")]
 pub(crate) fn in_registers(work: impl FnOnce()) {
@@ -25,36 +27,50 @@ pub(crate) trait Work {
     fn run<R: Registers>(self, registers: R);
 }
 
-/// Sums of products of four numbers side by side.
-pub(crate) trait Registers: Copy {
-    /// (low + (high − low) · share) · (value + place · step · gain) of four numbers, `place` from −1.5 to 1.5; `factors` are values and
-    /// gains. Once with the first factors, which are light's, and once with the last, which are the coverage's.
-    fn one(
-        self,
-        low: &[f32; 4],
-        high: &[f32; 4],
-        share: f32,
-        step: f32,
-        factors: &[[f32; 4]; 2],
-    ) -> [[f32; 4]; 2];
-
-    /// The same of four such products: the sum of the first three, and the last.
-    fn four(
-        self,
-        low: &[[f32; 4]; 4],
-        high: &[[f32; 4]; 4],
-        share: f32,
-        step: f32,
-        factors: &[[f32; 4]; 2],
-    ) -> [[f32; 4]; 2];
-
-    /// Lays a colour, three times over and a fourth of it, over four pixels and into their mask: `over` is how much of it each shows,
-    /// and how much of each is covered.
-    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], over: [[f32; 4]; 2], colours: &[f32; 12]);
+/// What a streak's products are turned into: pixel by pixel, the factors of its coverage and of its pattern's light in red, green, blue and
+/// the coverage itself.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Look {
+    pub cover: [f32; 16],
+    pub light: [f32; 16],
 }
 
-/// Places of four pixels from their middle.
-const PLACES: [f32; 4] = [-1.5, -0.5, 0.5, 1.5];
+/// Work on four pixels of a [`crate::rain::Veil`], each of red, green, blue and coverage, and on a thin streak's tables: three products of light and one of
+/// coverage, pixel by pixel.
+pub(crate) trait Registers: Copy {
+    /// Sum of four tables' nodes with their weights: the first two, the last two, and both.
+    fn mix(self, out: &mut [f32; 16], tables: [&[f32; 16]; 4], weights: [f32; 4]);
+
+    /// The same of tables of one product, which is light's first and coverage's: what lies between is nothing.
+    fn mix_one(self, out: &mut [f32; 16], tables: [&[f32; 4]; 4], weights: [f32; 4]);
+
+    /// Lays a streak over four pixels: (low + (high − low) · share) · (value + gain · (at + step)), `steps` one for each pixel, four times over; of that the sum
+    /// of the first three is light, and the last coverage.
+    fn lay_line(
+        self,
+        cells: &mut [f32; 16],
+        nodes: [&[f32; 16]; 2],
+        share: f32,
+        along: (&[[f32; 4]; 2], f32, &[f32; 16]),
+        look: &Look,
+    );
+
+    /// The same where each pixel has its own value and gain along, at its own place.
+    fn lay_end(
+        self,
+        cells: &mut [f32; 16],
+        nodes: [&[f32; 16]; 2],
+        share: f32,
+        along: [(&[[f32; 4]; 2], f32); 4],
+        look: &Look,
+    );
+
+    /// Lays a colour over four pixels: `over` is how much of it each shows, and how much of each is covered. The colour's fourth number is 1.
+    fn lay(self, cells: &mut [f32; 16], over: [[f32; 4]; 2], colour: &[f32; 4]);
+
+    /// Lays four pixels of a veil over those of a picture, and into their mask.
+    fn uncover(self, cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]);
+}
 
 /// Runs `work` with explicit registers: 512 or 256 bits where the machine has them.
 pub(crate) fn run(work: impl Work) {
@@ -81,152 +97,247 @@ pub(crate) fn run(work: impl Work) {
 #[derive(Clone, Copy)]
 pub(crate) struct Plain;
 
+/// What is below nothing, or no number, is nothing.
+#[inline(always)]
+pub(crate) fn positive(value: Vec4) -> Vec4 {
+    Vec4::select(value.cmpgt(Vec4::ZERO), value, Vec4::ZERO)
+}
+
 impl Plain {
+    /// One pixel under what `products` show of a streak.
     #[inline(always)]
-    fn product(
-        [low, high]: [&[f32; 4]; 2],
-        [share, step]: [f32; 2],
-        factors: &[[f32; 4]; 2],
-        k: usize,
-    ) -> glam::Vec4 {
-        use glam::Vec4;
+    fn lay_pixel(cell: &mut [f32; 4], products: Vec4, cover: &[f32; 4], light: &[f32; 4]) {
+        let shown = positive(Vec4::splat((products.x + products.y) + products.z));
+        let hidden = positive(Vec4::splat(products.w));
+        let under = Vec4::from_array(*cell);
+        let gain = hidden * (Vec4::from_array(*cover) - under);
+        *cell = (under + (gain + shown * Vec4::from_array(*light))).to_array();
+    }
+
+    #[inline(always)]
+    fn sum(tables: [&[f32; 4]; 4], weights: [f32; 4]) -> Vec4 {
+        let [a, b, c, d] = tables.map(|table| Vec4::from_array(*table));
+        (a * weights[0] + b * weights[1]) + (c * weights[2] + d * weights[3])
+    }
+
+    /// A table's values at a share of the way from one node to the next.
+    #[inline(always)]
+    fn between(low: &[f32; 4], high: &[f32; 4], share: f32) -> Vec4 {
         let low = Vec4::from_array(*low);
-        let between = low + (Vec4::from_array(*high) - low) * share;
-        let factor = Vec4::splat(factors[0][k]) + (Vec4::from_array(PLACES) * step) * factors[1][k];
-        between * factor
+        low + (Vec4::from_array(*high) - low) * share
     }
 }
 
 impl Registers for Plain {
     #[inline(always)]
-    fn one(
-        self,
-        low: &[f32; 4],
-        high: &[f32; 4],
-        share: f32,
-        step: f32,
-        factors: &[[f32; 4]; 2],
-    ) -> [[f32; 4]; 2] {
-        let product = |k: usize| Self::product([low, high], [share, step], factors, k).to_array();
-        [product(0), product(3)]
-    }
-
-    #[inline(always)]
-    fn four(
-        self,
-        low: &[[f32; 4]; 4],
-        high: &[[f32; 4]; 4],
-        share: f32,
-        step: f32,
-        factors: &[[f32; 4]; 2],
-    ) -> [[f32; 4]; 2] {
-        let product = |k: usize| Self::product([&low[k], &high[k]], [share, step], factors, k);
-        [((product(0) + product(1)) + product(2)).to_array(), product(3).to_array()]
-    }
-
-    #[inline(always)]
-    fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], over: [[f32; 4]; 2], colours: &[f32; 12]) {
-        let [shown, covers] = over.map(|[a, b, c, d]| [[a, a, a, b], [b, b, c, c], [c, d, d, d]]);
-        let (light, _) = light.as_chunks_mut::<4>();
-        let (colours, _) = colours.as_chunks::<4>();
-        for (i, (light, colour)) in light.iter_mut().zip(colours).enumerate() {
-            Self::over(light, shown[i], covers[i], colour);
+    fn mix(self, out: &mut [f32; 16], tables: [&[f32; 16]; 4], weights: [f32; 4]) {
+        let [a, b, c, d] = tables.map(|table| table.as_chunks::<4>().0);
+        for (i, out) in out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            *out = Self::sum([&a[i], &b[i], &c[i], &d[i]], weights).to_array();
         }
-        Self::over(mask, over[1], over[1], &[1.0; 4]);
     }
-}
 
-impl Plain {
-    /// Four numbers that `cover` hides and `shown` of `colour` is added to.
     #[inline(always)]
-    fn over(under: &mut [f32; 4], shown: [f32; 4], cover: [f32; 4], colour: &[f32; 4]) {
-        use glam::Vec4;
-        let kept = Vec4::from_array(*under) * (Vec4::ONE - Vec4::from_array(cover));
-        *under = (kept + Vec4::from_array(shown) * Vec4::from_array(*colour)).to_array();
+    fn mix_one(self, out: &mut [f32; 16], tables: [&[f32; 4]; 4], weights: [f32; 4]) {
+        let sum = Self::sum(tables, weights).to_array();
+        for (out, own) in out.as_chunks_mut::<4>().0.iter_mut().zip(sum) {
+            *out = [own, 0.0, 0.0, own];
+        }
+    }
+
+    #[inline(always)]
+    fn lay_line(
+        self,
+        cells: &mut [f32; 16],
+        nodes: [&[f32; 16]; 2],
+        share: f32,
+        (along, at, steps): (&[[f32; 4]; 2], f32, &[f32; 16]),
+        look: &Look,
+    ) {
+        let pixels = std::array::from_fn(|pixel| (along, at + steps[4 * pixel]));
+        self.lay_end(cells, nodes, share, pixels, look);
+    }
+
+    #[inline(always)]
+    fn lay_end(
+        self,
+        cells: &mut [f32; 16],
+        nodes: [&[f32; 16]; 2],
+        share: f32,
+        along: [(&[[f32; 4]; 2], f32); 4],
+        look: &Look,
+    ) {
+        let [low, high] = nodes.map(|node| node.as_chunks::<4>().0);
+        let (covers, lights) = (look.cover.as_chunks::<4>().0, look.light.as_chunks::<4>().0);
+        for (pixel, cell) in cells.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            let ([value, gain], at) = along[pixel];
+            let factor = Vec4::from_array(*value) + Vec4::from_array(*gain) * at;
+            let products = Self::between(&low[pixel], &high[pixel], share) * factor;
+            Self::lay_pixel(cell, products, &covers[pixel], &lights[pixel]);
+        }
+    }
+
+    #[inline(always)]
+    fn lay(self, cells: &mut [f32; 16], [shown, hidden]: [[f32; 4]; 2], colour: &[f32; 4]) {
+        let colour = Vec4::from_array(*colour);
+        for (pixel, cell) in cells.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            let own = Vec4::splat(shown[pixel]).with_w(hidden[pixel]) * colour;
+            *cell = (Vec4::from_array(*cell) * (Vec4::ONE - Vec4::splat(hidden[pixel])) + own).to_array();
+        }
+    }
+
+    #[inline(always)]
+    fn uncover(self, cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]) {
+        let pixels = light.as_chunks_mut::<3>().0.iter_mut().zip(mask);
+        for ((light, mask), cell) in pixels.zip(cells.as_chunks::<4>().0) {
+            let keep = 1.0 - cell[3];
+            for (light, own) in light.iter_mut().zip(cell) {
+                *light = *light * keep + own;
+            }
+            *mask = *mask * keep + cell[3];
+        }
     }
 }
 
-/// All products in one register: three of light and one of coverage.
+/// Four pixels in one register.
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S>(pub S);
 
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod wide {
-    use super::{PLACES, Registers, Wide};
-    use fearless_simd::{Simd, SimdBase, f32x4, f32x8, f32x16};
+    use super::{Look, Registers, Wide};
+    use fearless_simd::{Simd, SimdBase, f32x4, f32x8, f32x16, u8x64};
 
-    /// Four numbers, each four times or two of them.
-    #[inline(always)]
-    fn pair<S: Simd>(simd: S, a: f32, b: f32) -> f32x8<S> {
-        simd.combine_f32x4(f32x4::splat(simd, a), f32x4::splat(simd, b))
+    // Nothing here may be a closure, or an array's `map`: what is not inlined leaves the registers.
+
+    /// Bytes of a pixel's number, four times in each of four pixels.
+    const EACH: [[u8; 64]; 4] = each();
+
+    const fn each() -> [[u8; 64]; 4] {
+        let mut bytes = [[0; 64]; 4];
+        let mut at = 0;
+        while at < 4 * 64 {
+            bytes[at / 64][at % 64] = (4 * (at / 64) + at % 4) as u8;
+            at += 1;
+        }
+        bytes
     }
 
+    /// Within each pixel, its number `LANE` four times.
     #[inline(always)]
-    fn all<S: Simd>(simd: S, [a, b, c, d]: [f32; 4]) -> f32x16<S> {
-        simd.combine_f32x8(pair(simd, a, b), pair(simd, c, d))
+    fn each_of<S: Simd, const LANE: usize>(simd: S, pixels: f32x16<S>) -> f32x16<S> {
+        simd.swizzle_dyn_within_blocks_f32x16(pixels, u8x64::from_slice(simd, &EACH[LANE]))
     }
 
-    /// Places of four pixels, `step` apart, twice.
+    /// Four numbers for each of four pixels.
     #[inline(always)]
-    fn steps<S: Simd>(simd: S, step: f32) -> f32x8<S> {
-        let places = f32x4::from_slice(simd, &PLACES) * step;
-        simd.combine_f32x4(places, places)
+    fn four<S: Simd>(simd: S, a: &[f32; 4], b: &[f32; 4], c: &[f32; 4], d: &[f32; 4]) -> f32x16<S> {
+        let near = simd.combine_f32x4(f32x4::from_slice(simd, a), f32x4::from_slice(simd, b));
+        let far = simd.combine_f32x4(f32x4::from_slice(simd, c), f32x4::from_slice(simd, d));
+        simd.combine_f32x8(near, far)
+    }
+
+    impl<S: Simd> Wide<S> {
+        #[inline(always)]
+        fn over(
+            self,
+            cells: &mut [f32; 16],
+            nodes: [&[f32; 16]; 2],
+            share: f32,
+            factor: f32x16<S>,
+            look: &Look,
+        ) {
+            let simd = self.0;
+            let low = f32x16::from_slice(simd, nodes[0]);
+            let products = (low + (f32x16::from_slice(simd, nodes[1]) - low) * share) * factor;
+            let first = each_of::<S, 0>(simd, products) + each_of::<S, 1>(simd, products);
+            let none = f32x16::splat(simd, 0.0);
+            let shown = simd.max_f32x16(first + each_of::<S, 2>(simd, products), none);
+            let hidden = simd.max_f32x16(each_of::<S, 3>(simd, products), none);
+            let under = f32x16::from_slice(simd, cells);
+            let gain = hidden * (f32x16::from_slice(simd, &look.cover) - under);
+            (under + (gain + shown * f32x16::from_slice(simd, &look.light))).store_slice(cells);
+        }
     }
 
     impl<S: Simd> Registers for Wide<S> {
         #[inline(always)]
-        fn one(
-            self,
-            low: &[f32; 4],
-            high: &[f32; 4],
-            share: f32,
-            step: f32,
-            factors: &[[f32; 4]; 2],
-        ) -> [[f32; 4]; 2] {
+        fn mix(self, out: &mut [f32; 16], [a, b, c, d]: [&[f32; 16]; 4], weights: [f32; 4]) {
             let simd = self.0;
-            let low = f32x4::from_slice(simd, low);
-            let between = low + (f32x4::from_slice(simd, high) - low) * share;
-            let gains = steps(simd, step) * pair(simd, factors[1][0], factors[1][3]);
-            let factor = pair(simd, factors[0][0], factors[0][3]) + gains;
-            let (light, cover) = simd.split_f32x8(simd.combine_f32x4(between, between) * factor);
-            [light.into(), cover.into()]
+            let near = f32x16::from_slice(simd, a) * weights[0] + f32x16::from_slice(simd, b) * weights[1];
+            let far = f32x16::from_slice(simd, c) * weights[2] + f32x16::from_slice(simd, d) * weights[3];
+            (near + far).store_slice(out);
         }
 
         #[inline(always)]
-        fn four(
-            self,
-            low: &[[f32; 4]; 4],
-            high: &[[f32; 4]; 4],
-            share: f32,
-            step: f32,
-            factors: &[[f32; 4]; 2],
-        ) -> [[f32; 4]; 2] {
+        fn mix_one(self, out: &mut [f32; 16], [a, b, c, d]: [&[f32; 4]; 4], weights: [f32; 4]) {
             let simd = self.0;
-            let low = f32x16::from_slice(simd, low.as_flattened());
-            let high = f32x16::from_slice(simd, high.as_flattened());
-            let between = low + (high - low) * share;
-            let places = steps(simd, step);
-            let factor = all(simd, factors[0]) + simd.combine_f32x8(places, places) * all(simd, factors[1]);
-            let (front, back) = simd.split_f32x16(between * factor);
-            let ((a, b), (c, cover)) = (simd.split_f32x8(front), simd.split_f32x8(back));
-            [((a + b) + c).into(), cover.into()]
+            let near = f32x4::from_slice(simd, a) * weights[0] + f32x4::from_slice(simd, b) * weights[1];
+            let far = f32x4::from_slice(simd, c) * weights[2] + f32x4::from_slice(simd, d) * weights[3];
+            let [a, b, c, d]: [f32; 4] = (near + far).into();
+            *out = [a, 0.0, 0.0, a, b, 0.0, 0.0, b, c, 0.0, 0.0, c, d, 0.0, 0.0, d];
         }
 
         #[inline(always)]
-        fn lay(self, light: &mut [f32; 12], mask: &mut [f32; 4], over: [[f32; 4]; 2], colours: &[f32; 12]) {
+        fn lay_line(
+            self,
+            cells: &mut [f32; 16],
+            nodes: [&[f32; 16]; 2],
+            share: f32,
+            (along, at, steps): (&[[f32; 4]; 2], f32, &[f32; 16]),
+            look: &Look,
+        ) {
             let simd = self.0;
-            let [shown, covers] = over.map(|[a, b, c, d]| {
-                (f32x8::from_slice(simd, &[a, a, a, b, b, b, c, c]), f32x4::from_slice(simd, &[c, d, d, d]))
-            });
-            let alpha = f32x4::from_slice(simd, &over[1]);
-            let (one, ones) = (f32x4::splat(simd, 1.0), f32x8::splat(simd, 1.0));
-            let (near, far) = light.split_at_mut(8);
-            let lit = f32x8::from_slice(simd, near) * (ones - covers.0);
-            (lit + shown.0 * f32x8::from_slice(simd, &colours[..8])).store_slice(near);
-            let lit = f32x4::from_slice(simd, far) * (one - covers.1);
-            (lit + shown.1 * f32x4::from_slice(simd, &colours[8..])).store_slice(far);
-            (f32x4::from_slice(simd, mask) * (one - alpha) + alpha).store_slice(mask);
+            let [value, gain] = along;
+            let place = f32x16::splat(simd, at) + f32x16::from_slice(simd, steps);
+            let factor = four(simd, value, value, value, value) + four(simd, gain, gain, gain, gain) * place;
+            self.over(cells, nodes, share, factor, look);
+        }
+
+        #[inline(always)]
+        fn lay_end(
+            self,
+            cells: &mut [f32; 16],
+            nodes: [&[f32; 16]; 2],
+            share: f32,
+            along: [(&[[f32; 4]; 2], f32); 4],
+            look: &Look,
+        ) {
+            let simd = self.0;
+            let [(a, at_a), (b, at_b), (c, at_c), (d, at_d)] = along;
+            let place = four(simd, &[at_a; 4], &[at_b; 4], &[at_c; 4], &[at_d; 4]);
+            let factor =
+                four(simd, &a[0], &b[0], &c[0], &d[0]) + four(simd, &a[1], &b[1], &c[1], &d[1]) * place;
+            self.over(cells, nodes, share, factor, look);
+        }
+
+        #[inline(always)]
+        fn lay(self, cells: &mut [f32; 16], [shown, hidden]: [[f32; 4]; 2], colour: &[f32; 4]) {
+            let simd = self.0;
+            let ([a, b, c, d], [e, f, g, h]) = (shown, hidden);
+            let own = four(simd, &[a, a, a, e], &[b, b, b, f], &[c, c, c, g], &[d, d, d, h]);
+            let hidden = four(simd, &[e; 4], &[f; 4], &[g; 4], &[h; 4]);
+            let kept = f32x16::from_slice(simd, cells) * (f32x16::splat(simd, 1.0) - hidden);
+            (kept + own * four(simd, colour, colour, colour, colour)).store_slice(cells);
+        }
+
+        #[inline(always)]
+        fn uncover(self, cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]) {
+            let simd = self.0;
+            let [r, g, b, hide, s, h, c, hides, t, i, d, hidden, u, j, e, last] = *cells;
+            let near = [r, g, b, s, h, c, t, i];
+            let keep = [hide, hide, hide, hides, hides, hides, hidden, hidden];
+            let (first, second) = light.split_at_mut(8);
+            let kept =
+                f32x8::from_slice(simd, first) * (f32x8::splat(simd, 1.0) - f32x8::from_slice(simd, &keep));
+            (kept + f32x8::from_slice(simd, &near)).store_slice(first);
+            let one = f32x4::splat(simd, 1.0);
+            let keep = f32x4::from_slice(simd, &[hidden, last, last, last]);
+            let kept = f32x4::from_slice(simd, second) * (one - keep);
+            (kept + f32x4::from_slice(simd, &[d, u, j, e])).store_slice(second);
+            let hidden = f32x4::from_slice(simd, &[hide, hides, hidden, last]);
+            (f32x4::from_slice(simd, mask) * (one - hidden) + hidden).store_slice(mask);
         }
     }
 }
@@ -236,24 +347,35 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// One product and sums of four, and four pixels under one streak, of random numbers.
+    /// Lines, ends and pixels under streaks of random numbers, and a picture under what they show.
     fn bits(registers: impl Registers) -> Vec<u32> {
         let mut random = Random::new(11);
-        let mut four = || -> [f32; 4] { std::array::from_fn(|_| random.range(-1.0, 1.0) as f32) };
+        let mut number = || random.range(-1.0, 1.0) as f32;
         let mut bits = Vec::new();
         for _ in 0..200 {
-            let [low, high]: [[[f32; 4]; 4]; 2] = [(); 2].map(|()| [(); 4].map(|()| four()));
-            let (factors, [share, step, ..]) = ([four(), four()], four());
-            let [one, its_cover] = registers.one(&low[0], &high[0], share, step, &factors);
-            let [all, cover] = registers.four(&low, &high, share, step, &factors);
-            let mut light = [0.0; 12];
-            light.as_chunks_mut().0.iter_mut().for_each(|part: &mut [f32; 4]| *part = four());
-            let mut mask = four().map(f32::abs);
-            registers.lay(&mut light, &mut mask, [four(), four()].map(|over| over.map(f32::abs)), &[0.3; 12]);
-            let sums = [one, its_cover, all, cover, mask];
-            bits.extend(sums.as_flattened().iter().chain(&light).map(|value| value.to_bits()));
+            let mut four = || -> [f32; 4] { std::array::from_fn(|_| number()) };
+            let along: [[[f32; 4]; 2]; 4] = std::array::from_fn(|_| [four(), four()]);
+            let (at, colour, over) = (four(), four(), [four(), four()].map(|over| over.map(f32::abs)));
+            let mut sixteen = || -> [f32; 16] { std::array::from_fn(|_| number()) };
+            let ([low, high, mut steps, mut cells], look) =
+                ([(); 4].map(|()| sixteen()), Look { cover: sixteen(), light: sixteen() });
+            registers.mix(&mut steps, [&low, &high, &cells, &high], at);
+            bits.extend(steps.iter().map(|value| value.to_bits()));
+            registers.mix_one(&mut steps, [&at, &colour, &over[0], &over[1]], at);
+            registers.lay_line(&mut cells, [&low, &high], at[0], (&along[0], at[1], &pixels(&steps)), &look);
+            let own = [0, 1, 2, 3].map(|pixel| (&along[pixel], at[pixel]));
+            registers.lay_end(&mut cells, [&low, &high], at[2], own, &look);
+            registers.lay(&mut cells, over, &colour);
+            let (mut light, mut mask) = (std::array::from_fn(|_| number()), [0.25, 0.5, 0.0, 1.0]);
+            registers.uncover(&cells, &mut light, &mut mask);
+            bits.extend(cells.iter().chain(&light).chain(&mask).map(|value| value.to_bits()));
         }
         bits
+    }
+
+    /// One number a pixel, four times.
+    fn pixels(numbers: &[f32; 16]) -> [f32; 16] {
+        std::array::from_fn(|at| numbers[at / 4])
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! How one streak's coverage lies on pixels: the seam between drops and patterns.
 
+use super::veil::{Paint, Veil};
+
 /// A streak's place in the picture, and nothing else: what a kernel draws.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Footprint {
@@ -22,7 +24,7 @@ pub struct Footprint {
 }
 
 /// A rectangle of pixels, right and bottom excluded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Clip {
     /// First column.
     pub left: i32,
@@ -142,5 +144,16 @@ pub trait Kernel: Sync {
         _ribbon: &mut Ribbon,
     ) -> bool {
         false
+    }
+
+    /// [`Kernel::draw`] of streaks that nothing hides: lays them over `veil`'s tile by itself, one after the other, and answers how many; the next one, if
+    /// any is left, is then asked to [`Kernel::ribbon`].
+    fn lay(
+        &self,
+        _streaks: &[(Self::Placed, Paint)],
+        _scratch: &mut Self::Scratch,
+        _veil: &mut Veil,
+    ) -> usize {
+        0
     }
 }

@@ -1,6 +1,7 @@
 //! The kernel for an asset with patterns: each drop's streak is one of the asset's pictures.
 
 use super::kernel::{BLOCK, Clip, Footprint, Kernel, Ribbon, Span};
+use super::veil::{Paint, Veil};
 use super::window::SmoothWindow;
 use crate::shade::streak::choice::Conditions;
 use crate::shade::streak::{self, StreakSet, Tile};
@@ -78,11 +79,30 @@ impl Kernel for StreakSet {
         ribbon: &mut Ribbon,
     ) -> bool {
         let PlacedPattern::Streak(streak) = placed else { return false };
-        let [left, top, right, bottom] = streak.bounds;
-        let columns = [left.max(clip.left), right.min(clip.right)];
-        let rows = [top.max(clip.top), bottom.min(clip.bottom)];
-        self.fill_ribbon(streak, [columns, rows], &mut scratch.streak, ribbon)
+        self.fill_ribbon(streak, within(streak, clip), &mut scratch.streak, ribbon)
     }
+
+    fn lay(
+        &self,
+        streaks: &[(PlacedPattern, Paint)],
+        scratch: &mut PatternScratch,
+        veil: &mut Veil,
+    ) -> usize {
+        let clip = veil.clip();
+        let mut lay = |(placed, paint): &(PlacedPattern, Paint)| match placed {
+            PlacedPattern::Streak(streak) => {
+                self.lay_thin(streak, within(streak, clip), &mut scratch.streak, paint, veil)
+            }
+            PlacedPattern::Plain(_) => false,
+        };
+        streaks.iter().position(|streak| !lay(streak)).unwrap_or(streaks.len())
+    }
+}
+
+/// Columns and rows that a clip has of a streak's.
+fn within(streak: &streak::PlacedStreak, clip: Clip) -> [[i32; 2]; 2] {
+    let [left, top, right, bottom] = streak.bounds;
+    [[left.max(clip.left), right.min(clip.right)], [top.max(clip.top), bottom.min(clip.bottom)]]
 }
 
 /// A footprint's streak.

@@ -7,9 +7,9 @@
 //! parts, one after the other, so that memory is bounded; a pixel sees the same streaks in the same order.
 
 mod hidden;
-mod lay;
 
 use super::kernel::{Clip, Kernel, Ribbon};
+use super::veil::{Paint, TILE, Under, Veil};
 use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
@@ -17,15 +17,10 @@ use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use hidden::{DepthLine, Reach, Seen};
-use lay::{Paint, Under};
 use std::any::Any;
 
-/// Tile width and height, px: 16 bytes a pixel of picture and mask, an eighth of a megabyte.
-const TILE: [usize; 2] = [128, 64];
 /// Streaks that are prepared and sorted into tiles at a time.
 const PART: usize = 16_384;
-/// Pixels of 12 bytes in a line of the cache.
-const PER_LINE: usize = 5;
 /// Pixels whose depth is looked at together.
 const SEEN: usize = 64;
 
@@ -72,25 +67,22 @@ impl Default for Canvas {
     }
 }
 
-/// A streak that is ready to be drawn.
-#[derive(Clone, Copy, Debug, Default)]
-struct Ready<P> {
-    placed: P,
-    paint: Paint,
-}
+/// A streak that is ready to be drawn: its place, and what it is laid with.
+type Ready<P> = (P, Paint);
 
 /// Working memory of a band, whose kernel has scratch of type `S`.
 #[derive(Debug)]
 struct Band<S, P> {
     scratch: S,
     ribbon: Ribbon,
+    veil: Veil,
     /// A tile's own streaks.
     near: Vec<Ready<P>>,
 }
 
 impl<S, P> Band<S, P> {
     fn bytes(&self) -> usize {
-        self.ribbon.bytes() + self.near.capacity() * size_of::<Ready<P>>()
+        self.ribbon.bytes() + self.veil.bytes() + self.near.capacity() * size_of::<Ready<P>>()
     }
 }
 
@@ -174,8 +166,12 @@ impl Canvas {
             self.mask.fill(0.0);
         }
         let new = || -> Box<dyn Any + Send + Sync> {
-            let (scratch, ribbon) = (K::Scratch::default(), Ribbon::default());
-            Box::new(Band::<K::Scratch, K::Placed> { scratch, ribbon, near: Vec::new() })
+            Box::new(Band::<K::Scratch, K::Placed> {
+                scratch: K::Scratch::default(),
+                ribbon: Ribbon::default(),
+                veil: Veil::default(),
+                near: Vec::new(),
+            })
         };
         self.bands.resize_with(grid[1].max(self.bands.len()), new);
         for band in &mut self.bands {
@@ -214,15 +210,17 @@ impl Canvas {
             let Some(band) = band.downcast_mut::<Band<K::Scratch, K::Placed>>() else { return };
             let top = index * TILE[1];
             let height = pixels.len() / width;
-            let mut brush = Brush { band, secants: &secants, scene, width, top, pixels, mask };
+            let is_first = part.is_first;
+            let mut under = Under { pixels, mask, width, top, is_first };
+            let mut brush = Brush { band, secants: &secants, scene };
             for column in 0..grid[0] {
                 let (left, right) = (column * TILE[0], width.min((column + 1) * TILE[0]));
                 // Pictures have at most 2²⁸ pixels.
                 let [left, top, right, bottom] = [left, top, right, top + height].map(|side| side as i32);
                 let mine = list.of(index * grid[0] + column);
-                if part.is_first || !mine.is_empty() {
-                    brush.open_tile(part, mine, Clip { left, top, right, bottom });
+                if is_first || !mine.is_empty() {
                     brush.paint_tile(part, mine, Clip { left, top, right, bottom });
+                    brush.band.veil.uncover(&mut under);
                 }
             }
         };
@@ -295,7 +293,7 @@ impl Canvas {
                 contrast: scene.light.contrast(&ray, distance).clamp(0.0, 1.0),
                 colour: scene.light.radiance(&ray, distance),
             };
-            *ready = Ready { placed, paint };
+            *ready = (placed, paint);
         };
         ready.par_iter_mut().zip(&mut self.boxes).zip(streaks).for_each(prepare);
     }
@@ -336,69 +334,59 @@ struct Brush<'a, K: Kernel, L> {
     band: &'a mut Band<K::Scratch, K::Placed>,
     secants: &'a Secants,
     scene: &'a Scene<'a, K, L>,
-    /// Pixels of a row, and the band's first row.
-    width: usize,
-    top: usize,
-    pixels: &'a mut [[f32; 3]],
-    mask: &'a mut [f32],
 }
 
 impl<K: Kernel, L> Brush<'_, K, L> {
-    /// Fetches a tile's streaks, and its mask and pixels, row after row, as memory is fast. A streak alone would wait for each of its rows.
-    fn open_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], Clip { left, top, right, bottom }: Clip) {
-        self.band.near.clear();
-        self.band.near.extend(mine.iter().map(|&index| part.ready[index as usize]));
-        let mut seen = 0;
-        for row in top as usize - self.top..bottom as usize - self.top {
-            let columns = row * self.width + left as usize..row * self.width + right as usize;
-            match part.is_first {
-                true => self.mask[columns.clone()].fill(0.0),
-                false => self.mask[columns.clone()]
-                    .iter()
-                    .step_by(3 * PER_LINE)
-                    .for_each(|alpha| seen |= alpha.to_bits()),
-            }
-            if !mine.is_empty() {
-                self.pixels[columns].iter().step_by(PER_LINE).for_each(|pixel| seen |= pixel[0].to_bits());
-            }
-        }
-        std::hint::black_box(seen);
-    }
-
+    /// Lays a tile's streaks over each other.
     fn paint_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], clip: Clip) {
+        self.band.veil.begin(clip);
         if mine.is_empty() {
             return;
         }
+        // Gathered first, so that memory is waited for once and not streak by streak.
+        self.band.near.clear();
+        self.band.near.extend(mine.iter().map(|&index| part.ready[index as usize]));
         let reach =
             self.scene.depth.as_ref().map_or(Reach::OPEN, |buffer| Reach::new(buffer, self.secants, clip));
-        for at in 0..self.band.near.len() {
-            let Band { scratch, ribbon, near } = &mut *self.band;
-            let Ready { placed, paint } = near[at];
-            let is_ribbon = self.scene.kernel.ribbon(&placed, clip, scratch, ribbon);
-            if !is_ribbon {
-                let streak = &part.streaks[mine[at] as usize];
+        let (kernel, mut at) = (self.scene.kernel, 0);
+        while at < self.band.near.len() {
+            let Band { scratch, ribbon, veil, near } = &mut *self.band;
+            let streak = &part.streaks[mine[at] as usize];
+            let (seen, run) = match self.scene.depth.is_some() {
+                true => (reach.of(streak), at + 1),
+                false => (Seen::Everywhere, near.len()),
+            };
+            let laid = match seen {
+                Seen::Nowhere => 1,
+                Seen::Everywhere => kernel.lay(&near[at..run], scratch, veil),
+                Seen::InPlaces => 0,
+            };
+            at += laid;
+            if at == run {
+                continue;
+            }
+            let (streak, (placed, paint)) = (&part.streaks[mine[at] as usize], near[at]);
+            at += 1;
+            if !kernel.ribbon(&placed, clip, scratch, ribbon) {
                 self.paint_spans(streak, &placed, clip, &paint);
                 continue;
             }
-            match self.scene.depth.is_some().then(|| reach.of(&part.streaks[mine[at] as usize])) {
-                Some(Seen::Nowhere) => continue,
-                Some(Seen::InPlaces) => self.hide(&part.streaks[mine[at] as usize], clip),
-                Some(Seen::Everywhere) | None => {}
+            if matches!(seen, Seen::InPlaces) {
+                self.hide(streak, clip);
             }
-            let mut under = Under { pixels: self.pixels, mask: self.mask, width: self.width, top: self.top };
-            under.lay_ribbon(&self.band.ribbon, clip, paint);
+            let Band { ribbon, veil, .. } = &mut *self.band;
+            veil.lay_ribbon(ribbon, paint);
         }
     }
 
     /// A streak whose kernel hands on spans.
     fn paint_spans(&mut self, streak: &Streak, placed: &K::Placed, clip: Clip, paint: &Paint) {
-        let Self { band, secants, scene, width, top, pixels, mask } = self;
-        let scratch = &mut band.scratch;
-        let mut under = Under { pixels, mask, width: *width, top: *top };
+        let Self { band, secants, scene } = self;
+        let Band { scratch, veil, .. } = &mut **band;
         let Some(buffer) = &scene.depth else {
             return scene.kernel.draw(placed, clip, scratch, &mut |span| {
                 let blocks = [span.shares, span.covers.unwrap_or(span.shares)];
-                under.lay_span([span.x, span.y], span.count, blocks, paint);
+                veil.lay_span([span.x, span.y], span.count, blocks, paint);
             });
         };
         let line = DepthLine::new(streak, &streak.footprint());
@@ -414,7 +402,7 @@ impl<K: Kernel, L> Brush<'_, K, L> {
                         [seen[0][i], seen[1][i]] = own;
                     }
                 }
-                under.lay_span([span.x + start as i32, span.y], count, [&seen[0], &seen[1]], paint);
+                veil.lay_span([span.x + start as i32, span.y], count, [&seen[0], &seen[1]], paint);
             }
         });
     }

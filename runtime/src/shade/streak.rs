@@ -23,6 +23,7 @@ mod thin;
 pub(crate) mod upload;
 
 use crate::rain::kernel::{BLOCK, Ribbon};
+use crate::rain::veil::{Paint, Veil};
 use choice::Choice;
 use draw::{Lines, Wave, draw};
 use edge::EdgeTable;
@@ -90,7 +91,7 @@ pub struct Tile<'a> {
 pub struct Scratch {
     waves: Vec<Wave>,
     rows: Vec<[ProfileRow; 2]>,
-    mixed: Vec<[f32; 4]>,
+    mixed: Vec<thin::Four>,
     ribbon: Ribbon,
 }
 
@@ -98,7 +99,7 @@ impl Scratch {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
         let rows: usize = self.rows.iter().flatten().map(ProfileRow::bytes).sum();
-        let mixed = self.mixed.capacity() * size_of::<[f32; 4]>() + self.ribbon.bytes();
+        let mixed = self.mixed.capacity() * size_of::<thin::Four>() + self.ribbon.bytes();
         let rows = rows + self.rows.capacity() * size_of::<[ProfileRow; 2]>();
         self.waves.capacity() * size_of::<Wave>() + rows + mixed
     }
@@ -247,6 +248,21 @@ impl StreakSet {
         let Some(prepared) = self.prepared(placed.pattern) else { return false };
         prepared.thin.fill(thin, clip, &mut scratch.mixed, ribbon);
         true
+    }
+
+    /// Lays a thin streak's lines inside `clip` over a veil; answers false, and does nothing, of any that is not simply thin.
+    #[inline]
+    pub(crate) fn lay_thin(
+        &self,
+        placed: &PlacedStreak,
+        clip: [[i32; 2]; 2],
+        scratch: &mut Scratch,
+        paint: &Paint,
+        veil: &mut Veil,
+    ) -> bool {
+        let Form::Thin(thin) = &placed.form else { return false };
+        let Some(prepared) = self.prepared(placed.pattern) else { return false };
+        prepared.thin.lay(thin, clip, &mut scratch.mixed, paint, veil)
     }
 
     /// The kernel of a streak whose width is resolved.

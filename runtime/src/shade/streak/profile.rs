@@ -54,6 +54,11 @@ impl Profile {
         }
     }
 
+    /// Values from 0 to 1, evenly.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// Integral over [0, 1].
     pub fn integral(&self) -> f64 {
         self.first[INTERVALS]

@@ -2,6 +2,9 @@
 
 use super::{BLOCK, LENGTHS, LIGHTS, PHASES, RANK, SHIFTS, Thin, WIDTHS, half_of};
 
+/// Half of a picture, which light reaches at most.
+const WHOLE: f64 = 0.5;
+
 /// Where the tables of a width, and of a length, begin in a pattern's; the same for every pattern.
 #[derive(Clone, Copy, Debug)]
 pub struct TableSizes {
@@ -16,7 +19,7 @@ impl Thin {
     pub fn sizes(&self) -> TableSizes {
         let mut first = 0;
         let across = std::array::from_fn(|class| {
-            let half = half_of(class) as u32;
+            let half = half_of(class, WHOLE) as u32;
             let own = [first, half];
             first += (SHIFTS.len() * (PHASES + 1)) as u32 * 2 * half;
             own
@@ -34,13 +37,19 @@ impl Thin {
     /// Adds the tables across: by width, shift, node, pixel.
     pub fn add_across(&self, out: &mut Vec<[f32; RANK]>) {
         for (at, table) in self.across.iter().enumerate() {
-            let half = half_of(at / SHIFTS.len());
+            let class = at / SHIFTS.len();
+            let half = half_of(class, WHOLE);
+            // A pattern may have light in fewer pixels than others.
+            let own = usize::from(self.halves[class]);
             for node in 0..=PHASES {
-                let block = |k: usize, pixel: usize| (node * table.blocks + pixel / BLOCK) * table.rank + k;
+                let at = |k: usize, pixel: usize| {
+                    (node * table.blocks * BLOCK + pixel + own - half) * table.rank + k
+                };
                 // A narrow width has one table for light and coverage, and no more products.
                 let value = |k: usize, pixel: usize| match (k, table.rank) {
-                    (0, _) | (_, RANK) => table.values[block(k, pixel)][pixel % BLOCK],
-                    (LIGHTS, _) => table.values[block(0, pixel)][pixel % BLOCK],
+                    _ if pixel + own < half || pixel >= half + own => 0.0,
+                    (0, _) | (_, RANK) => table.values[at(k, pixel)],
+                    (LIGHTS, _) => table.values[at(0, pixel)],
                     _ => 0.0,
                 };
                 out.extend((0..2 * half).map(|pixel| std::array::from_fn(|k| value(k, pixel))));
@@ -50,6 +59,6 @@ impl Thin {
 
     /// Adds the tables along: by length, place.
     pub fn add_along(&self, out: &mut Vec<[f32; RANK]>) {
-        self.along.iter().for_each(|table| out.extend_from_slice(table));
+        self.along.iter().for_each(|table| out.extend(table.iter().map(|[value, _]| *value)));
     }
 }

@@ -1,68 +1,163 @@
 //! The lines of a thin streak: where they begin and what they read, many at once, and their light, line by line.
 
-use super::{
-    BLOCK, Block, GENTLE, LEVEL, LIGHTS, LINES, LOW_RANK, PHASES, Packet, RANK, Thin, ThinPlace, half_of,
-};
+use super::{BEYOND, BLOCK, Four, GENTLE, LINES, Nodes, PHASES, RANK, Thin, ThinPlace};
 use crate::rain::kernel::Ribbon;
-use crate::registers::{Registers, Work};
-use glam::{Mat4, Vec4};
+use crate::rain::veil::{Cell, MARGIN, Paint, STRIDE, Veil, flat};
+use crate::registers::{Look, Registers, Work};
+use glam::Vec4;
 
-/// The filling of a ribbon with lines of `K` products.
-pub(super) struct Fill<'a, const K: usize> {
+/// Places of a block's pixels from its middle.
+const PLACES: [f32; BLOCK] = [-1.5, -0.5, 0.5, 1.5];
+
+/// The laying of a streak's lines over a veil.
+pub(super) struct Lay<'a> {
     pub thin: &'a Thin,
     pub place: &'a ThinPlace,
-    pub blocks: usize,
-    pub mixed: &'a mut Vec<Block>,
-    pub ribbon: &'a mut Ribbon,
+    pub mixed: &'a mut Vec<Four>,
+    /// First line and the one after the last.
+    pub lines: [i32; 2],
+    pub paint: &'a Paint,
+    pub veil: &'a mut Veil,
 }
 
-impl<const K: usize> Work for Fill<'_, K> {
+impl Work for Lay<'_> {
     #[inline(always)]
     fn run<R: Registers>(self, registers: R) {
-        let Self { thin, place, blocks, mixed, ribbon } = self;
-        thin.mix::<K>(place, blocks, mixed);
-        let along = Along::new(place, &thin.along[place.length_class as usize], blocks);
-        // Sizes that the compiler knows become plain vector code.
-        match (blocks, along.level) {
-            (1, true) => fill::<K, true>(registers, place, &along, (mixed, 1), ribbon),
-            (1, false) => fill::<K, false>(registers, place, &along, (mixed, 1), ribbon),
-            (_, true) => fill::<K, true>(registers, place, &along, (mixed, blocks), ribbon),
-            (_, false) => fill::<K, false>(registers, place, &along, (mixed, blocks), ribbon),
+        let Self { thin, place, mixed, lines, paint, veil } = self;
+        let blocks = thin.mix(registers, place, paint.strength, mixed);
+        let along = Along::new(place, &thin.along[place.length_class as usize]);
+        let line = LineOf { mixed, blocks, along: &along, look: &paint.look() };
+        // A size that the compiler knows becomes plain vector code.
+        match (place.level, blocks) {
+            (true, _) => line.lay_columns(registers, place, lines, veil),
+            (false, 1) => LineOf { blocks: 1, ..line }.lay_rows(registers, place, lines, veil),
+            (false, _) => line.lay_rows(registers, place, lines, veil),
         }
     }
 }
 
-/// Fills a ribbon from a table across of so many blocks a line.
-#[inline(always)]
-fn fill<const K: usize, const LEVEL: bool>(
-    registers: impl Registers,
-    place: &ThinPlace,
-    along: &Along,
-    (mixed, blocks): (&[Block], usize),
-    ribbon: &mut Ribbon,
-) {
+/// What all lines of a streak read.
+struct LineOf<'a> {
+    mixed: &'a [Four],
+    blocks: usize,
+    along: &'a Along<'a>,
+    look: &'a Look,
+}
+
+impl LineOf<'_> {
+    #[inline(always)]
+    fn lay_rows(self, registers: impl Registers, place: &ThinPlace, rows: [i32; 2], veil: &mut Veil) {
+        let (left, steps) = (veil.clip().left - MARGIN as i32, self.along.steps());
+        let mut starts = Starts::default();
+        let lines = veil.rows(rows).chunks_mut(LINES * STRIDE).zip((rows[0]..).step_by(LINES));
+        for (lines, from) in lines {
+            starts.fill(place, self.along, from);
+            for (i, line) in lines.chunks_exact_mut(STRIDE).enumerate().take(LINES) {
+                // What begins left of the margin wraps far beyond the row.
+                let first = starts.first[i].wrapping_sub(left) as u32;
+                for block in 0..self.blocks {
+                    let cells = line.get_mut(first.wrapping_add((block * BLOCK) as u32) as usize..);
+                    if let Some(cells) = cells.and_then(<[Cell]>::first_chunk_mut::<BLOCK>) {
+                        self.lay_block(registers, &starts, [i, block], &steps, flat(cells));
+                    }
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn lay_columns(self, registers: impl Registers, place: &ThinPlace, columns: [i32; 2], veil: &mut Veil) {
+        let steps = self.along.steps();
+        let mut starts = Starts::default();
+        for from in (columns[0]..columns[1]).step_by(LINES) {
+            starts.fill(place, self.along, from);
+            for (i, x) in (from..columns[1]).enumerate().take(LINES) {
+                for block in 0..self.blocks {
+                    let y = starts.first[i].saturating_add((block * BLOCK) as i32);
+                    if let Some(mut cells) = veil.column([x, y]) {
+                        self.lay_block(registers, &starts, [i, block], &steps, flat(&mut cells));
+                        veil.set_column([x, y], &cells);
+                    }
+                }
+            }
+        }
+    }
+
+    /// One block of a line.
+    #[inline(always)]
+    fn lay_block(
+        &self,
+        registers: impl Registers,
+        starts: &Starts,
+        [i, block]: [usize; 2],
+        steps: &[f32; 4 * BLOCK],
+        cells: &mut [f32; 4 * BLOCK],
+    ) {
+        let Self { mixed, blocks, along, look } = *self;
+        let at = starts.node[i] as usize * blocks + block;
+        let (Some(low), Some(high)) = (mixed.get(at), mixed.get(at + blocks)) else { return };
+        let nodes = [&low.0, &high.0];
+        let node = starts.along[i] + (block * BLOCK) as f32 * along.step;
+        let share = starts.share[i];
+        if along.is_calm(node) {
+            let (own, at) = match block {
+                0 => (along.nodes_at(starts.along_node[i]), starts.along_share[i]),
+                _ => along.at(node),
+            };
+            registers.lay_line(cells, nodes, share, (own, at, steps), look);
+        } else {
+            // An array's `map` would not be inlined.
+            let a = along.at(node + PLACES[0] * along.step);
+            let b = along.at(node + PLACES[1] * along.step);
+            let c = along.at(node + PLACES[2] * along.step);
+            let own = [a, b, c, along.at(node + PLACES[3] * along.step)];
+            registers.lay_end(cells, nodes, share, own, look);
+        }
+    }
+}
+
+/// Fills a ribbon with the lines of a streak.
+pub(super) fn fill(place: &ThinPlace, along: &Along, (mixed, blocks): (&[Four], usize), ribbon: &mut Ribbon) {
     let mut starts = Starts::default();
     let mut from = ribbon.line;
     let Ribbon { first, shares, covers, .. } = ribbon;
     let chunks = shares.chunks_mut(LINES * blocks).zip(covers.chunks_mut(LINES * blocks));
     for (firsts, (shares, covers)) in first.chunks_mut(LINES).zip(chunks) {
-        starts.fill::<LEVEL>(place, along, from);
+        starts.fill(place, along, from);
         firsts.copy_from_slice(&starts.first[..firsts.len()]);
         let lines = shares.chunks_exact_mut(blocks).zip(covers.chunks_exact_mut(blocks));
         for (i, (light, cover)) in lines.enumerate() {
-            let at = starts.node[i] as usize * blocks * K;
-            let Some(nodes) = mixed.get(at..at + 2 * blocks * K) else { continue };
-            let line = Line {
-                nodes,
-                share: starts.share[i],
-                along: starts.along[i],
-                along_node: starts.along_node[i],
-                along_share: starts.along_share[i],
-            };
-            line.fill::<K, LEVEL>(registers, along, light, cover);
+            for (block, (light, cover)) in light.iter_mut().zip(cover).enumerate() {
+                let at = starts.node[i] as usize * blocks + block;
+                let (Some(low), Some(high)) = (mixed.get(at), mixed.get(at + blocks)) else { continue };
+                let node = starts.along[i] + (block * BLOCK) as f32 * along.step;
+                let own = if along.is_calm(node) {
+                    let (own, at) = along.at(node);
+                    PLACES.map(|place| (own, at + place * along.step))
+                } else {
+                    PLACES.map(|place| along.at(node + place * along.step))
+                };
+                [*light, *cover] = block_of(low, high, starts.share[i], own);
+            }
         }
         from += LINES as i32;
     }
+}
+
+/// Light and coverage of four pixels, each at its own place along.
+#[inline(always)]
+fn block_of(low: &Four, high: &Four, share: f32, along: [(&Nodes, f32); BLOCK]) -> [[f32; BLOCK]; 2] {
+    let [low, high] = [low, high].map(|cell| cell.0.as_chunks::<RANK>().0);
+    let mut out = [[0.0; BLOCK]; 2];
+    for pixel in 0..BLOCK {
+        let ([value, gain], at) = along[pixel];
+        let near = Vec4::from_array(low[pixel]);
+        let across = near + (Vec4::from_array(high[pixel]) - near) * share;
+        let products = across * (Vec4::from_array(*value) + Vec4::from_array(*gain) * at);
+        out[0][pixel] = (products.x + products.y) + products.z;
+        out[1][pixel] = products.w;
+    }
+    out
 }
 
 /// Where some lines begin and what they read, one number a line.
@@ -73,8 +168,7 @@ struct Starts {
     /// Node of the table across, and the share of the next.
     node: [i32; LINES],
     share: [f32; LINES],
-    /// Place in the table along of the middle of a level line, of the first block's middle otherwise; its node, and the share of the
-    /// next.
+    /// Place of the first block's middle in the table along; its node, and the share of the next.
     along: [f32; LINES],
     along_node: [i32; LINES],
     along_share: [f32; LINES],
@@ -83,24 +177,23 @@ struct Starts {
 impl Starts {
     /// The lines from `line` on.
     #[inline(always)]
-    fn fill<const LEVEL: bool>(&mut self, place: &ThinPlace, along: &Along, line: i32) {
-        let base = line as f32 + 0.5 - place.middle[1];
-        let reach = half_of(place.class as usize + 1) as f32 + 0.5;
-        let [per_line, per_pixel] = place.along_steps.map(|step| step * place.along_per_pixel);
+    fn fill(&mut self, place: &ThinPlace, along: &Along, line: i32) {
+        let reach = f32::from(place.half) + 0.5;
+        let per_line = place.along_steps[0] * place.along_per_pixel;
+        let per_pixel = place.along_steps[1] * place.along_per_pixel;
         let shift = place.along_radius * place.along_per_pixel;
-        // A level line is looked up at the streak's middle, any other at the middle of its first block.
-        let slope = if LEVEL { 0.0 } else { per_pixel };
         let block_middle = 0.5 * BLOCK as f32;
         let last = (along.table.len() - 2) as f32;
         for i in 0..LINES {
-            let down = base + i as f32;
+            // Of the line alone, not of where a tile begins.
+            let down = (line + i as i32) as f32 + 0.5 - place.middle[1];
             let middle = place.middle[0] + place.lean * down;
             let start = middle - reach;
             let rounded = (start + ROUND) - ROUND;
             let first = if rounded < start { rounded + 1.0 } else { rounded };
             self.first[i] = whole_of(first + ROUND);
             (self.node[i], self.share[i]) = node_at((first - start) * PHASES as f32, (PHASES - 1) as f32);
-            let node = per_line * down + slope * (first + block_middle - middle) + shift;
+            let node = per_line * down + per_pixel * (first + block_middle - middle) + shift;
             self.along[i] = node;
             (self.along_node[i], self.along_share[i]) = node_at(node, last);
         }
@@ -132,142 +225,55 @@ fn between(value: f32, low: f32, high: f32) -> f32 {
 }
 
 /// A table along at the scale of one kernel.
-struct Along<'a> {
-    table: &'a [Packet],
+pub(super) struct Along<'a> {
+    table: &'a [Nodes],
     /// Nodes from one pixel of a line to the next.
     step: f32,
-    /// Whether all pixels of a line are as good as at one place, and whether light is linear over a block even at the ends.
-    level: bool,
+    /// Whether light is linear over a block even at the ends.
     gentle: bool,
     /// Between these nodes light changes slowly over a block.
     inner: [f32; 2],
 }
 
 impl<'a> Along<'a> {
-    fn new(place: &ThinPlace, table: &'a [Packet], blocks: usize) -> Self {
+    #[inline(always)]
+    pub(super) fn new(place: &ThinPlace, table: &'a [Nodes]) -> Self {
         let step = place.along_steps[1];
         let reach = 0.5 * BLOCK as f32 * step.abs();
         let node = |pixels: f32| (pixels + place.along_radius) * place.along_per_pixel;
         Self {
             table,
             step: step * place.along_per_pixel,
-            level: (step * (BLOCK * blocks) as f32).abs() < LEVEL,
             gentle: (step * BLOCK as f32).abs() < GENTLE,
             inner: [node(place.inner[0] + reach), node(place.inner[1] - reach)],
         }
     }
 
-    /// The values at a place, and their gain to the next node.
+    /// From a block's middle to its pixels, four times each.
     #[inline(always)]
-    fn at(&self, place: f32) -> [Vec4; 2] {
+    fn steps(&self) -> [f32; 4 * BLOCK] {
+        let mut steps = [0.0; 4 * BLOCK];
+        for (at, step) in steps.iter_mut().enumerate() {
+            *step = PLACES[at / 4] * self.step;
+        }
+        steps
+    }
+
+    /// Whether light is linear over a block whose middle stands there.
+    #[inline(always)]
+    fn is_calm(&self, node: f32) -> bool {
+        self.gentle || node > self.inner[0] && node < self.inner[1]
+    }
+
+    /// The node at or before a place, and the share of the way to the next.
+    #[inline(always)]
+    fn at(&self, place: f32) -> (&'a Nodes, f32) {
         let (node, share) = node_at(place, (self.table.len() - 2) as f32);
-        self.at_node(node, share)
+        (self.nodes_at(node), share)
     }
 
-    /// The same at a share of the way from a node to the next.
     #[inline(always)]
-    fn at_node(&self, node: i32, share: f32) -> [Vec4; 2] {
-        let Some([low, high]) = self.table.get(node as usize..).and_then(<[Packet]>::first_chunk::<2>) else {
-            return [Vec4::ZERO; 2];
-        };
-        let (low, high) = (Vec4::from_array(*low), Vec4::from_array(*high));
-        let gain = high - low;
-        [low + gain * share, gain]
+    fn nodes_at(&self, node: i32) -> &'a Nodes {
+        self.table.get(node as usize).unwrap_or(&BEYOND)
     }
-}
-
-/// One line's part of the tables.
-struct Line<'a> {
-    /// Two nodes of the table across: blocks, then products.
-    nodes: &'a [Block],
-    share: f32,
-    /// Place along, its node and the share of the next.
-    along: f32,
-    along_node: i32,
-    along_share: f32,
-}
-
-impl Line<'_> {
-    /// All pixels: of a level line at one place along, of any other each block at its own, and near the streak's ends each pixel.
-    #[inline(always)]
-    fn fill<const K: usize, const LEVEL: bool>(
-        &self,
-        registers: impl Registers,
-        along: &Along,
-        light: &mut [Block],
-        cover: &mut [Block],
-    ) {
-        let (low, high) = self.nodes.split_at(self.nodes.len() / 2);
-        let out = light.iter_mut().zip(cover);
-        let blocks = out.zip(low.chunks_exact(K).zip(high.chunks_exact(K)));
-        for (block, ((light, cover), (low, high))) in blocks.enumerate() {
-            if LEVEL {
-                let [values, _] = along.at_node(self.along_node, self.along_share);
-                let factors = [values.to_array(), [0.0; RANK]];
-                [*light, *cover] = products::<K>(registers, (low, high), self.share, 0.0, &factors);
-                continue;
-            }
-            let node = self.along + (block * BLOCK) as f32 * along.step;
-            [*light, *cover] = if along.gentle || node > along.inner[0] && node < along.inner[1] {
-                let [values, gain] = match block {
-                    0 => along.at_node(self.along_node, self.along_share),
-                    _ => along.at(node),
-                };
-                let factors = [values.to_array(), gain.to_array()];
-                products::<K>(registers, (low, high), self.share, along.step, &factors)
-            } else {
-                self.near_an_end::<K>(along, node, low, high)
-            };
-        }
-    }
-
-    /// A block at `node` of a leaning streak, each pixel at its own place along.
-    #[inline(always)]
-    fn near_an_end<const K: usize>(
-        &self,
-        along: &Along,
-        node: f32,
-        low: &[Block],
-        high: &[Block],
-    ) -> [Block; 2] {
-        let [a, _] = along.at(node - 1.5 * along.step);
-        let [b, _] = along.at(node - 0.5 * along.step);
-        let [c, _] = along.at(node + 0.5 * along.step);
-        let [d, _] = along.at(node + 1.5 * along.step);
-        // From a row a pixel to a row a product.
-        let values = Mat4::from_cols(a, b, c, d).transpose();
-        let across = |k: usize| {
-            let near = Vec4::from_array(low[k]);
-            near + (Vec4::from_array(high[k]) - near) * self.share
-        };
-        if K == LOW_RANK {
-            let across = across(0);
-            return [across * values.x_axis, across * values.w_axis].map(|four| four.to_array());
-        }
-        let mut sum = Vec4::ZERO;
-        for k in 0..LIGHTS {
-            sum += across(k) * values.col(k);
-        }
-        [sum, across(LIGHTS) * values.w_axis].map(|four| four.to_array())
-    }
-}
-
-/// A block's light and coverage of `K` products, whose factors gain `step` times the second ones from pixel to pixel.
-#[inline(always)]
-fn products<const K: usize>(
-    registers: impl Registers,
-    (low, high): (&[Block], &[Block]),
-    share: f32,
-    step: f32,
-    factors: &[Packet; 2],
-) -> [Block; 2] {
-    // Nothing here may be a closure: what is not inlined leaves the registers.
-    if K == LOW_RANK {
-        if let (Some(low), Some(high)) = (low.first(), high.first()) {
-            return registers.one(low, high, share, step, factors);
-        }
-    } else if let (Some(low), Some(high)) = (low.first_chunk(), high.first_chunk()) {
-        return registers.four(low, high, share, step, factors);
-    }
-    [[0.0; BLOCK]; 2]
 }

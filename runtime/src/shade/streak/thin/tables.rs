@@ -1,8 +1,8 @@
 //! The tables of a thin pattern: a few products, their means over a pixel for every width, slant and length.
 
 use super::{
-    Across, BLOCK, LENGTHS, LIGHTS, LOW_RANK, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS, blocks_of,
-    class_length, class_width, half_of,
+    Across, BLOCK, LENGTHS, LIGHTS, LOW_RANK, Nodes, PHASES, Packet, RADIUS_ALONG, RANK, SHIFTS, WIDTHS,
+    blocks_of, class_length, class_width,
 };
 use crate::shade::streak::profile::Profile;
 use squall_formats::section::streak::Pattern;
@@ -170,64 +170,84 @@ fn between(nodes: &[f64], x: f64) -> f64 {
     nodes[index] + (nodes[index + 1] - nodes[index]) * (place - index as f64)
 }
 
-/// Tables across of every width and shift. `energies` are the squares that the products hold along.
-pub(super) fn tabulate_across(profiles: &[Profile], energies: &[f64]) -> Vec<Across> {
-    let ranks: Vec<usize> = (0..WIDTHS).map(|class| rank_of(profiles, energies, class)).collect();
+/// Tables across of every width and shift, `halves` pixels to each side. `energies` are the squares that the products hold along.
+pub(super) fn tabulate_across(
+    profiles: &[Profile],
+    energies: &[f64],
+    halves: &[usize; WIDTHS],
+) -> Vec<Across> {
+    let rank = |class: usize| rank_of(profiles, energies, (class, halves[class]));
+    let ranks: Vec<usize> = (0..WIDTHS).map(rank).collect();
     let mut tables = Vec::with_capacity(WIDTHS * SHIFTS.len());
     for class in 0..WIDTHS {
         let next = (class + 1).min(WIDTHS - 1);
-        let [own, wider] = [class, next].map(|class| (half_of(class), ranks[class]));
+        let [own, wider] = [class, next].map(|class| (halves[class], ranks[class]));
         for shift in SHIFTS {
             let table = |(half, rank)| tabulate(profiles, (class_width(class), shift), half, rank);
             let wider = (wider != own).then(|| table(wider));
-            tables.push(Across { rank: own.1, blocks: blocks_of(own.0), values: table(own), wider });
+            let values = table(own);
+            tables.push(Across { rank: own.1, blocks: blocks_of(own.0), values, wider });
         }
     }
     tables
 }
 
 /// Products of a width that show.
-fn rank_of(profiles: &[Profile], energies: &[f64], class: usize) -> usize {
-    let values = tabulate(profiles, (class_width(class), SHIFTS[0]), half_of(class), RANK);
+fn rank_of(profiles: &[Profile], energies: &[f64], (class, half): (usize, usize)) -> usize {
+    let values = tabulate(profiles, (class_width(class), SHIFTS[0]), half, RANK);
     let (mut whole, mut unseen) = (0.0, 0.0);
     let (packets, _) = values.as_chunks::<RANK>();
     for packet in packets {
-        for pixel in 0..BLOCK {
-            let square = |value: f32| f64::from(value) * f64::from(value);
-            let [first, .., disc] = packet.map(|block| block[pixel]);
-            whole += square(first) * energies[0];
-            unseen += square(first - disc) * energies[0];
-            unseen += (1..LIGHTS).map(|k| square(packet[k][pixel]) * energies[k]).sum::<f64>();
-        }
+        let square = |value: f32| f64::from(value) * f64::from(value);
+        let [first, .., disc] = *packet;
+        whole += square(first) * energies[0];
+        unseen += square(first - disc) * energies[0];
+        unseen += (1..LIGHTS).map(|k| square(packet[k]) * energies[k]).sum::<f64>();
     }
     if unseen <= UNSEEN * whole { LOW_RANK } else { RANK }
 }
 
 /// Pixels of a line at every node, of the first products: means over the shadow of a pixel on the line, a box of its own side and one
 /// of what the next lines shift the streak by.
-fn tabulate(profiles: &[Profile], (width, shift): (f64, f64), half: usize, rank: usize) -> Vec<[f32; BLOCK]> {
-    let blocks = blocks_of(half);
-    let mut values = vec![[0.0; BLOCK]; (PHASES + 1) * blocks * rank];
+fn tabulate(profiles: &[Profile], (width, shift): (f64, f64), half: usize, rank: usize) -> Vec<f32> {
+    let pixels = blocks_of(half) * BLOCK;
+    let mut values = vec![0.0; (PHASES + 1) * pixels * rank];
     for node in 0..=PHASES {
         for (k, profile) in profiles.iter().enumerate().take(rank) {
             for pixel in 0..2 * half {
                 let place = node as f64 / PHASES as f64 + pixel as f64 - half as f64 + 0.5 * width;
                 let value = profile.mean_over_pixel(place, width, [1.0, shift]) as f32;
-                values[(node * blocks + pixel / BLOCK) * rank + k][pixel % BLOCK] = value;
+                values[(node * pixels + pixel) * rank + k] = value;
             }
         }
     }
     values
 }
 
-/// Packets along, for every length.
-pub(super) fn tabulate_along(profiles: &[Profile], light: f64) -> Vec<Vec<Packet>> {
+/// The first and the last place along, in nodes, that any product shows something at: all that is left of a streak.
+pub(super) fn lit(table: &[Nodes]) -> [f32; 2] {
+    /// Share of a product's largest value that counts as none.
+    const FAINT: f32 = 1e-3;
+    let shows =
+        |value: &Packet, most: &Packet| value.iter().zip(most).any(|(v, most)| v.abs() > FAINT * most);
+    let mut most = [0.0f32; RANK];
+    for [value, _] in table {
+        most.iter_mut().zip(value).for_each(|(most, value)| *most = most.max(value.abs()));
+    }
+    let place = |at: Option<usize>, usual: usize| at.unwrap_or(usual) as f32;
+    let first = table.iter().position(|[value, _]| shows(value, &most));
+    let last = table.iter().rposition(|[value, _]| shows(value, &most));
+    [place(first, 0) - 1.0, place(last, table.len()) + 1.0]
+}
+
+/// Packets along, and their gains, for every length.
+pub(super) fn tabulate_along(profiles: &[Profile], light: f64) -> Vec<Vec<Nodes>> {
     let table = |class: usize| {
         let scale = class_length(class);
         let length = scale + 2.0 * RADIUS_ALONG;
         let intervals = ((3.0 * length) as usize).clamp(24, 512);
         let place = |i: usize| length * i as f64 / intervals as f64 - RADIUS_ALONG;
-        let packet = |i: usize| {
+        let packet = |i: usize| -> Packet {
             let mut packet = [0.0; RANK];
             if i > 0 && i < intervals {
                 for (value, profile) in packet.iter_mut().zip(profiles) {
@@ -236,7 +256,12 @@ pub(super) fn tabulate_along(profiles: &[Profile], light: f64) -> Vec<Vec<Packet
             }
             packet
         };
-        (0..=intervals).map(packet).collect()
+        let packets: Vec<Packet> = (0..=intervals).map(packet).collect();
+        let gain = |i: usize| -> Packet {
+            let next = packets.get(i + 1).unwrap_or(&packets[i]);
+            std::array::from_fn(|k| next[k] - packets[i][k])
+        };
+        (0..=intervals).map(|i| [packets[i], gain(i)]).collect()
     };
     (0..LENGTHS).map(table).collect()
 }
