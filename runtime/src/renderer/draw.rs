@@ -11,6 +11,7 @@
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::panes::PaneLights;
+use super::shafts::Shafts;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
@@ -273,6 +274,7 @@ impl Scene {
             around,
             sky: sky.mean_radiance(),
             drops,
+            shafts: Shafts::new(town, sun),
         };
         let medium = rain::medium(&task, in_rain, memory)?;
         watch.lap(&mut report.times.medium);
