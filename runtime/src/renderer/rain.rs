@@ -135,9 +135,8 @@ impl RainLight for DropLight<'_> {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
         if let Some(shafts) = self.shafts.filter(|shafts| shafts.is_dark(drop)) {
-            let share = self.world.phase().values(ray.direction.dot(shafts.towards()));
-            let sun = shafts.irradiance();
-            (0..3).for_each(|band| light[band] = (light[band] - share[band] as f32 * sun[band]).max(0.0));
+            let sun = shafts.shown(self.world.phase(), ray.direction);
+            (0..3).for_each(|band| light[band] = (light[band] - sun[band]).max(0.0));
         }
         for (number, lamp, intensity) in &self.lamps {
             let reaches = self.walls.map_or(1.0, |town| town.lamp_reaches(*number, drop.as_vec3()));

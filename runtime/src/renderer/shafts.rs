@@ -12,7 +12,7 @@
 //! | τ, F | optical depth along the ray; transmittance of all of it | – |
 
 use crate::camera::{Camera, Ray};
-use crate::medium::Medium;
+use crate::medium::{Medium, Phase};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::RainPath;
@@ -51,9 +51,18 @@ impl<'a> Shafts<'a> {
         self.sun.towards.as_dvec3()
     }
 
-    /// The sun's irradiance, W/m² per colour.
-    pub fn irradiance(&self) -> [f32; 3] {
-        self.sun.irradiance
+    /// What rain without end that nothing shades shows of the sun in unit `direction`, W/(m² sr) per colour.
+    pub fn shown(&self, phase: &Phase, direction: DVec3) -> [f32; 3] {
+        let share = phase.values(direction.dot(self.towards()));
+        std::array::from_fn(|band| share[band] as f32 * self.sun.irradiance[band])
+    }
+
+    /// Of all light that even rain without end would scatter along a ray, the share that would come from stretches in shadow up to `end`
+    /// m; `left(t)` is what comes through the first t m.
+    pub fn share(&self, ray: &Ray, end: f64, left: impl Fn(f64) -> f64) -> f32 {
+        let mut stretches = Vec::new();
+        self.town.find_shadows((ray.origin, ray.direction), self.sun.towards, end, &mut stretches);
+        share_of(&stretches, left)
     }
 
     /// Takes the sun's light off `picture` where the rain before its things, `metres` away, is in shadow. `left` is what the medium left
@@ -112,12 +121,16 @@ impl<V: RainPath> Share<'_, V> {
         let end = end.min(self.volume.farthest());
         let towards = shafts.sun.towards;
         shafts.town.find_shadows((ray.origin, ray.direction), towards, end, &mut self.stretches);
-        let left = |metres: f32| {
-            let depth = f64::from(metres) / secant;
-            libm::exp(-self.medium.optical_depth_in(self.volume, ray, depth, secant))
-        };
-        self.stretches.iter().map(|&[from, to]| (left(from) - left(to)) as f32).sum()
+        share_of(&self.stretches, |metres| {
+            libm::exp(-self.medium.optical_depth_in(self.volume, ray, metres / secant, secant))
+        })
     }
+}
+
+/// What stretches of a ray scatter of all light, `left(t)` of which comes through its first t m.
+fn share_of(stretches: &[[f32; 2]], left: impl Fn(f64) -> f64) -> f32 {
+    let ends = stretches.iter().map(|ends| ends.map(f64::from));
+    ends.map(|[from, to]| (left(from) - left(to)) as f32).sum()
 }
 
 /// Some rows of a picture.
@@ -223,9 +236,7 @@ impl<V: RainPath> Strip<'_, V> {
     }
 
     fn shown(&self, direction: DVec3) -> [f32; 3] {
-        let Sun { towards, irradiance, .. } = self.shafts.sun;
-        let share = self.share.medium.phase().values(direction.dot(towards.as_dvec3()));
-        std::array::from_fn(|band| share[band] as f32 * irradiance[band])
+        self.shafts.shown(self.share.medium.phase(), direction)
     }
 
     /// Takes a share of the sun's light off a pixel.

@@ -1,8 +1,10 @@
 use super::*;
 use crate::camera::Projection;
 use crate::depth::{DepthBuffer, DepthKind};
-use crate::medium::{Outlook, Phase, PhaseTable};
+use crate::medium::{Outlook, PhaseTable};
 use crate::rain::{Ceiling, RainField, RainVolume};
+use crate::renderer::town_rain::TownRain;
+use crate::shade::town::rain::RainBetween;
 use crate::shade::town::tests::small_town;
 use crate::world::WorldLight;
 use glam::Vec3;
@@ -130,4 +132,27 @@ fn nothing_in_the_suns_way_takes_nothing_off() {
     assert!(Shafts::new(None, Some(sun(Vec3::Z))).is_none());
     let down = Sun { irradiance: [0.0; 3], ..sun(Vec3::Z) };
     assert!(Shafts::new(Some(&small_town()), Some(down)).is_none());
+}
+
+#[test]
+fn a_mirrored_ray_has_the_shafts_of_the_straight_ray_that_it_is() {
+    /// Single precision of shares, and the medium's light at nodes.
+    const ROUND_OFF: f32 = 0.01;
+    let town = small_town();
+    let eye = DVec3::new(0.0, -60.0, 2.0);
+    let (sun, camera) = (sun(Vec3::new(0.05, 1.0, 0.4)), camera(eye, DVec3::new(0.0, 1.0, 0.1)));
+    let ([_, shaded], medium, field) = pictures(&camera, sun, Phase::HenyeyGreenstein(0.77));
+    let light = medium.in_scattering(&WorldLight::uniform(SKY).with_sun(Some(sun)));
+    let rain = TownRain::new(medium, field, &light).shaded_by(Shafts::new(Some(&town), Some(sun)));
+    let metres = metres(&town, &camera);
+    let mut dark = 0;
+    for at in (0..64 * 48).step_by(37) {
+        let ray = camera.ray((at % 64) as f64 + 0.5, (at / 64) as f64 + 0.5);
+        let (_, found) = rain.along(eye.as_vec3(), ray.direction.as_vec3(), metres[at]);
+        for (found, wanted) in found.iter().zip(shaded.pixels[at]) {
+            assert!((found - wanted).abs() <= ROUND_OFF * wanted, "{at}: {found} {wanted}");
+        }
+        dark += u32::from(town.is_shaded((eye + ray.direction * 20.0).as_vec3(), sun.towards));
+    }
+    assert!(dark > 5, "{dark}");
 }
