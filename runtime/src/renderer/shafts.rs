@@ -25,6 +25,8 @@ use glam::DVec3;
 const LARGEST: usize = 16;
 /// Share of a pixel's light below which shafts are left out.
 const UNSEEN: f32 = 1e-4;
+/// Share of the tolerance of halos that what lies between a tile's corners may be off by.
+const ALLOWED: f32 = 0.5;
 
 /// The sun of a frame, and what of the town stands before it.
 #[derive(Clone, Copy)]
@@ -154,12 +156,32 @@ const CHECKS: [[f64; 2]; 5] = [[0.5, 0.5], [0.5, 0.0], [0.0, 0.5], [1.0, 0.5], [
 
 /// What a tile's pixels have in common.
 struct Extremes {
-    /// Metres to the farthest thing.
-    far: f32,
+    /// Metres to the nearest and to the farthest thing.
+    ends: [f32; 2],
     /// What the medium leaves at least and at most.
     left: [f32; 2],
     /// Of the pixel with least light, the mean of its colours, W/(m² sr).
     darkest: f32,
+}
+
+/// Shares at a tile's corners, of rays as long as to its nearest and to its farthest thing.
+struct Corners {
+    near: [f32; 4],
+    far: [f32; 4],
+    left: [f32; 2],
+}
+
+impl Corners {
+    /// The share at a place of the tile, of a ray that leaves so much light: rays in even light lie evenly between.
+    fn at(&self, place: [f32; 2], left: f32) -> f32 {
+        let [least, most] = self.left;
+        let far = between(&self.far, place);
+        if most - least <= 0.0 {
+            return far;
+        }
+        let near = between(&self.near, place);
+        far + (near - far) * ((left - least) / (most - least)).clamp(0.0, 1.0)
+    }
 }
 
 impl<V: RainPath> Strip<'_, V> {
@@ -168,53 +190,73 @@ impl<V: RainPath> Strip<'_, V> {
         if x >= right || y >= bottom {
             return;
         }
-        let Extremes { far, left: [least, most], darkest } = self.extremes([x, y], [right, bottom]);
+        let extremes = self.extremes([x, y], [right, bottom]);
         let place = |[u, v]: [f64; 2]| [x as f64 + u * size as f64, y as f64 + v * size as f64];
         let brightest =
             CORNERS.iter().chain(&CHECKS[..1]).map(|&at| self.sunlight(place(at))).fold(0.0, f32::max);
         // Where all of the sun's light doesn't show, its shadow doesn't.
-        if brightest * (1.0 - least) <= UNSEEN * darkest {
+        if brightest * (1.0 - extremes.left[0]) <= UNSEEN * extremes.darkest {
             return;
         }
-        let allowed = self.tolerance * 0.25 * darkest / brightest.max(1e-30);
-        if most - least <= allowed {
-            let mut at = |share: [f64; 2]| self.share_at(place(share), far);
-            let corners = CORNERS.map(&mut at);
-            let is_even = CHECKS
-                .iter()
-                .all(|&share| (between(&corners, share.map(|v| v as f32)) - at(share)).abs() <= allowed);
-            if is_even {
-                for py in y..bottom {
-                    for px in x..right {
-                        let own = [px - x, py - y].map(|off| (off as f32 + 0.5) / size as f32);
-                        self.take([px, py], between(&corners, own));
-                    }
+        let allowed = self.tolerance * ALLOWED * extremes.darkest / brightest.max(1e-30);
+        if let Some(corners) = self.corners(&extremes, &place, ([right, bottom], allowed)) {
+            for py in y..bottom {
+                for px in x..right {
+                    let own = [px - x, py - y].map(|off| (off as f32 + 0.5) / size as f32);
+                    self.take([px, py], corners.at(own, self.left[py * self.width + px]));
                 }
-                return;
             }
-        }
-        if size > self.smallest {
+        } else if size > self.smallest {
             let half = size / 2;
             [[0, 0], [half, 0], [0, half], [half, half]]
                 .into_iter()
                 .for_each(|[dx, dy]| self.tile([x + dx, y + dy], half));
-            return;
-        }
-        for py in y..bottom {
-            for px in x..right {
-                let metres = self.metres[py * self.width + px];
-                let share = self.share_at([px as f64 + 0.5, py as f64 + 0.5], metres);
-                self.take([px, py], share);
+        } else {
+            for py in y..bottom {
+                for px in x..right {
+                    let metres = self.metres[py * self.width + px];
+                    let share = self.share_at([px as f64 + 0.5, py as f64 + 0.5], metres);
+                    self.take([px, py], share);
+                }
             }
         }
     }
 
+    /// The shares at a tile's corners, where they tell what is between within what is `allowed`.
+    fn corners(
+        &mut self,
+        extremes: &Extremes,
+        place: &dyn Fn([f64; 2]) -> [f64; 2],
+        ([right, bottom], allowed): ([usize; 2], f32),
+    ) -> Option<Corners> {
+        let ([near, far], [least, most]) = (extremes.ends, extremes.left);
+        let is_even = most - least <= allowed;
+        let far_shares = CORNERS.map(|at| self.share_at(place(at), far));
+        let near_shares = match is_even {
+            true => far_shares,
+            false => CORNERS.map(|at| self.share_at(place(at), near)),
+        };
+        let corners = Corners {
+            near: near_shares,
+            far: far_shares,
+            left: if is_even { [0.0; 2] } else { extremes.left },
+        };
+        let tells = |share: [f64; 2], strip: &mut Self| {
+            let [px, py] = place(share);
+            let at = (py as usize).min(bottom - 1) * strip.width + (px as usize).min(right - 1);
+            let (metres, left) = (strip.metres[at], strip.left[at]);
+            let wanted = strip.share_at([px, py], if is_even { far } else { metres });
+            (corners.at(share.map(|v| v as f32), left) - wanted).abs() <= allowed
+        };
+        CHECKS.iter().all(|&share| tells(share, self)).then_some(corners)
+    }
+
     fn extremes(&self, [x, y]: [usize; 2], [right, bottom]: [usize; 2]) -> Extremes {
-        let mut found = Extremes { far: 0.0, left: [1.0, 0.0], darkest: f32::INFINITY };
+        let mut found = Extremes { ends: [f32::INFINITY, 0.0], left: [1.0, 0.0], darkest: f32::INFINITY };
         for row in y..bottom {
             for at in row * self.width + x..row * self.width + right {
-                let [least, most] = found.left;
-                found.far = found.far.max(self.metres[at]);
+                let ([near, far], [least, most]) = (found.ends, found.left);
+                found.ends = [near.min(self.metres[at]), far.max(self.metres[at])];
                 found.left = [least.min(self.left[at]), most.max(self.left[at])];
                 let [r, g, b] = self.pixels[at];
                 found.darkest = found.darkest.min((r + g + b) / 3.0);
