@@ -127,7 +127,7 @@ fn passage(part: &[(Segment, Along)], length: f64) -> Passage {
 fn along(segments: &[Segment]) -> (Vec<Along>, f64) {
     let main = segments.iter().filter(|segment| segment.order == 0);
     let length: f64 = main.clone().map(|segment| segment.from.distance(segment.to)).sum();
-    let ends = (main.clone().next(), main.last());
+    let ends = (main.clone().next(), main.clone().next_back());
     let is_up = matches!(ends, (Some(first), Some(last)) if first.from.z < last.to.z);
     let bits = |point: DVec3| point.to_array().map(f64::to_bits);
     // From the ground, and from the leader's beginning, to the points that segments end in.
