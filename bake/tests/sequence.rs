@@ -280,3 +280,26 @@ fn sequences_that_are_none_are_refused_in_words() {
         assert!(found == code && text.contains(said), "{words}: {found}: {text}");
     }
 }
+
+#[test]
+fn light_runs_up_the_channel_in_frames_of_a_microsecond() {
+    let place = Place::new();
+    let words = "--flash-at 0 --rate 0 --layers direct --json";
+    place.answer(&format!("render ASSET --frames 0..4 --fps 1000000 --exposure-ms .001 {words} -o f#.exr"));
+    let width = place.answer("render ASSET -o size.png --json")["size_px"][0].as_u64().unwrap() as usize;
+    // Light, and the row that it stands in in the mean: rows count downwards.
+    let seen: Vec<(f32, f32)> = (0..4)
+        .map(|frame| {
+            let light = place.light(&format!("f{frame}.exr"), Some("direct"));
+            let (mut sum, mut moment) = (0.0, 0.0);
+            for (i, pixel) in light.iter().enumerate() {
+                sum += pixel[1];
+                moment += pixel[1] * (i / width) as f32;
+            }
+            (sum, moment / sum)
+        })
+        .collect();
+    println!("{seen:?}");
+    assert!(seen.windows(2).all(|pair| pair[1].0 > pair[0].0), "more and more of it shines: {seen:?}");
+    assert!(seen[1..].windows(2).all(|pair| pair[1].1 < pair[0].1), "higher and higher: {seen:?}");
+}

@@ -249,9 +249,9 @@ mod tests {
         /// What is asked for.
         const ALLOWED: f64 = 0.01;
         let mut random = Random::new(6);
-        for phase in
-            [Phase::HenyeyGreenstein(0.0), Phase::HenyeyGreenstein(0.77), Phase::HenyeyGreenstein(0.9)]
-        {
+        let drops = Phase::Table(std::sync::Arc::new(crate::medium::PhaseTable::drops()));
+        let even = [0.0, 0.77, 0.9].map(Phase::HenyeyGreenstein);
+        for phase in even.into_iter().chain([drops]) {
             let airlight = Airlight::new(&phase);
             let mut worst = 0.0f64;
             for i in 0..400 {
@@ -276,10 +276,11 @@ mod tests {
                 worst = worst.max((found / wanted - 1.0).abs());
                 assert!(
                     (found / wanted - 1.0).abs() < ALLOWED,
-                    "{phase:?} {extinction} {beside:?}: {found} {wanted}"
+                    "g {:.2}, {extinction} {beside:?}: {found} {wanted}",
+                    phase.moments(1)[0]
                 );
             }
-            println!("{phase:?}: worst {worst:.1e}");
+            println!("g {:.2}: worst {worst:.1e}", phase.moments(1)[0]);
         }
     }
 

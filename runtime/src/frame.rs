@@ -2,10 +2,12 @@
 
 mod curve;
 mod flash;
+mod front;
 mod thunder;
 
 pub use curve::{FIRST_STROKE_S, FlashCurve, ReturnStroke};
 pub use flash::{Flash, FlashStroke};
+pub use front::{ChannelPieces, FRONT_SPEED};
 pub use thunder::{SPEED_OF_SOUND, Thunder};
 
 use crate::camera::{Camera, Projection};

@@ -332,13 +332,14 @@ fn draw_frames(
     (bars, start): (&Bars, std::time::Instant),
 ) -> anyhow::Result<()> {
     let (Some(range), Some(fps)) = (args.frames, args.fps) else { return Ok(()) };
-    let timeline = match &args.keys {
+    let mut timeline = match &args.keys {
         Some(path) => Timeline::read(path, renderer.strokes())?,
         None => Timeline::natural(&view.flashes, args.flash_seed, args.flash_at),
     };
     let (animated, layers) = (args.animated(), args.layers.as_slice());
     let sequence =
         Sequence { range, fps, animated, resume: args.resume, dry: args.dry, out: &args.out, layers };
+    timeline.run_along(renderer, frame.exposure)?;
     let made = sequence.run((renderer, backend), frame, (&timeline, tone), bars)?;
     let (count, seconds) = (range.end - range.first, start.elapsed().as_secs_f64());
     let kept = if made.kept > 0 { format!(" ({} kept)", made.kept) } else { String::new() };

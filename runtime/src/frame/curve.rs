@@ -11,6 +11,7 @@
 //!
 //! i(t) = E (e^{−t/d} − e^{−t/r})/(d − r) from its start on.
 
+use super::front::Passage;
 use crate::error::RuntimeError;
 use crate::random::mix;
 use squall_formats::units::Seconds;
@@ -59,6 +60,8 @@ struct Line {
     to: f64,
     start: f64,
     end: f64,
+    /// Whether it is a leader, whose tip comes down the channel.
+    is_leader: bool,
 }
 
 /// How brightly a stroke shines from moment to moment.
@@ -101,10 +104,11 @@ impl FlashCurve {
     pub fn natural(seed: u64) -> Self {
         let mut draws = Draws(mix(seed ^ 0x666c_6173_6800));
         let mut curve = Self::default();
+        let leader = LEADER_PER_S * FIRST_STROKE_S;
+        curve.lines.push(Line { from: -LEADER_S, to: 0.0, start: 0.0, end: leader, is_leader: true });
         let mut add_line = |from: f64, to: f64, start: f64, end: f64| {
-            curve.lines.push(Line { from, to, start, end });
+            curve.lines.push(Line { from, to, start, end, is_leader: false });
         };
-        add_line(-LEADER_S, 0.0, 0.0, LEADER_PER_S * FIRST_STROKE_S);
         let mut strokes = vec![ReturnStroke { start: Seconds(0.0), energy: Seconds(FIRST_STROKE_S) }];
         if draws.uniform() >= SINGLE_SHARE {
             // Two, and more as often as leaves the mean where it is.
@@ -147,6 +151,7 @@ impl FlashCurve {
             to: pair[1].0.0,
             start: pair[0].1,
             end: pair[1].1,
+            is_leader: false,
         });
         let lines: Vec<Line> = lines.collect();
         match lines.iter().find(|line| line.from >= line.to) {
@@ -227,6 +232,41 @@ impl FlashCurve {
         let lines = self.lines.iter().map(|line| line.integral(opens.0, closes));
         ((strokes.sum::<f64>() + lines.sum::<f64>()) / exposure.0).max(0.0)
     }
+
+    /// The same of a piece of the channel, which fronts and leaders pass in a time of their own.
+    pub(super) fn mean_of_piece(&self, passage: &Passage, opens: Seconds, exposure: Seconds) -> f64 {
+        let closes = opens.0 + exposure.0;
+        let [enters, leaves] = passage.front;
+        let strokes = self.strokes.iter().map(|stroke| {
+            let until = |time: f64| {
+                let t = time - stroke.start.0;
+                stroke.energy.0 * faded_behind(t - enters, t - leaves)
+            };
+            until(closes) - until(opens.0)
+        });
+        let lines = self.lines.iter().map(|line| match line.is_leader {
+            true => line.passing(passage).iter().map(|part| part.integral(opens.0, closes)).sum(),
+            false => line.integral(opens.0, closes),
+        });
+        ((strokes.sum::<f64>() + lines.sum::<f64>()) / exposure.0).max(0.0)
+    }
+}
+
+/// Rise of a piece's light once the front is there, s; [`RISE_S`] has the front's way in it.
+const PIECE_RISE_S: f64 = 5e-6;
+
+/// Share of a return stroke's light that is out of a piece which the front entered `first` and left `last` ago, s.
+fn faded_behind(first: f64, last: f64) -> f64 {
+    let share = |t: f64, fade: f64| t - fade * -libm::expm1(-t / fade);
+    // ∫ of what is faded at one place over the front's time in the piece.
+    let sum = |t: f64| {
+        if t <= 0.0 {
+            return 0.0;
+        }
+        (DECAY_S * share(t, DECAY_S) - PIECE_RISE_S * share(t, PIECE_RISE_S)) / (DECAY_S - PIECE_RISE_S)
+    };
+    let time = (first - last).max(1e-9);
+    (sum(last + time) - sum(last)) / time
 }
 
 /// Share of a return stroke's light that is out after `t`.
@@ -239,6 +279,15 @@ fn faded(t: f64) -> f64 {
 }
 
 impl Line {
+    /// A leader's light in a piece: it grows while the tip passes, and stays until the return stroke.
+    fn passing(&self, passage: &Passage) -> [Self; 2] {
+        let at = |share: f64| self.from + (self.to - self.from) * share;
+        let [enters, leaves] = passage.leader.map(at);
+        let end = self.end * passage.leader_share;
+        let own = Self { from: enters, to: leaves, start: 0.0, end, is_leader: true };
+        [own, Self { from: leaves, to: self.to, start: end, ..own }]
+    }
+
     /// Its light between two moments.
     fn integral(&self, from: f64, to: f64) -> f64 {
         let (low, high) = (from.max(self.from), to.min(self.to));

@@ -1,7 +1,8 @@
 //! The baseline of \[narasimhan-nayar\]: what their series says of light of all orders around a point in an even medium.
 //!
 //! I(T, μ) = Σ (g_m(T) + g_{m+1}(T)) P_m(μ), m = 0, 1, …, P_m Legendre's polynomials, g_0 = 0 and
-//! g_m(T) = e^{−β_m T} T^{−(m+1)}, β_m = (2m + 1)/m · (1 − q^{m−1}).
+//! g_m(T) = e^{−β_m T} T^{−(m+1)}, β_m = (2m + 1)/m · (1 − q^{m−1}): theirs for any phase function, 1 − W_{m−1}/(2m − 1) in place of
+//! 1 − q^{m−1}, with Henyey and Greenstein's W_m = (2m + 1) q^m. β_1 = 0: g_1 falls as T^−2, and no light is lost.
 //!
 //! | symbol | quantity | unit |
 //! |---|---|---|

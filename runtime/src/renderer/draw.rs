@@ -11,6 +11,7 @@
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::panes::PaneLights;
+use super::shafts::Shafts;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
@@ -115,7 +116,10 @@ impl Scene {
         let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
         let dry = self.dry_air(frame, &field, memory.dry.take())?;
-        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops)).under(dry.as_ref());
+        let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
+        let shafts = Shafts::new(self.town.as_ref(), sun);
+        let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
+        let wet = wet.under(dry.as_ref()).shaded_by(shafts);
         let wet = self.tabulated(wet, frame, &flashes);
         watch.lap(&mut report.times.surroundings);
         if let Some(surrounding) = &surrounding {
@@ -141,7 +145,6 @@ impl Scene {
         }
         watch.lap(&mut report.times.sky);
         let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
-        let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
         let in_rain = |phase: &Phase| match &mut surrounding {
             Some(surrounding) => surrounding.in_scattering(phase),
             None => InScattering::dark(phase),
@@ -273,6 +276,7 @@ impl Scene {
             around,
             sky: sky.mean_radiance(),
             drops,
+            shafts: Shafts::new(town, sun),
         };
         let medium = rain::medium(&task, in_rain, memory)?;
         watch.lap(&mut report.times.medium);

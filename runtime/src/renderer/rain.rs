@@ -4,6 +4,7 @@ use super::Memory;
 use super::channel::irradiance_at;
 use super::halos::{self, Halos};
 use super::lit_stroke::LitStroke;
+use super::shafts::Shafts;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
@@ -43,6 +44,8 @@ pub struct Task<'a> {
     pub sky: [f32; 3],
     /// What a drop shows of the world and of the flashes.
     pub drops: &'a InScattering,
+    /// What keeps the sun off, where it shines.
+    pub shafts: Option<Shafts<'a>>,
 }
 
 /// Share of its cell by which a map of rain moves at once under light that is kept.
@@ -114,6 +117,8 @@ struct DropLight<'a> {
     lamps: Vec<NearLamp>,
     /// What stands between the lamps and drops.
     walls: Option<&'a Town>,
+    /// What stands between the sun and drops.
+    shafts: Option<Shafts<'a>>,
     /// Mean radiance around, and how many times a flash counts when drops pick patterns.
     around: f64,
     lightning_bias: f64,
@@ -129,6 +134,10 @@ impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
+        if let Some(shafts) = self.shafts.filter(|shafts| shafts.is_dark(drop)) {
+            let sun = shafts.shown(self.world.phase(), ray.direction);
+            (0..3).for_each(|band| light[band] = (light[band] - sun[band]).max(0.0));
+        }
         for (number, lamp, intensity) in &self.lamps {
             let reaches = self.walls.map_or(1.0, |town| town.lamp_reaches(*number, drop.as_vec3()));
             if reaches == 0.0 {
@@ -154,8 +163,10 @@ impl RainLight for DropLight<'_> {
 
     fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
         let drop = ray.origin + ray.direction * distance;
-        // The flash's beam, if there is one, is the last; the sun's stands before it.
-        let beams = self.world.beams().iter().rev().enumerate();
+        // The sun's beam, if there is one, is the first, the flash's the last.
+        let is_dark = self.shafts.is_some_and(|shafts| shafts.is_dark(drop));
+        let beams = &self.world.beams()[usize::from(is_dark)..];
+        let beams = beams.iter().rev().enumerate();
         let beams = beams.map(|(at, beam)| {
             let bias = if at == 0 && self.has_flash { self.lightning_bias } else { 1.0 };
             (beam.towards, mean(&beam.irradiance) * bias)
@@ -250,7 +261,15 @@ pub fn medium<'a>(
     let lightning_bias = 1.0 + task.frame.streaks.lightning_bias * brightness;
     let around = mean(&task.around);
     let has_flash = flash_at_eye(task.flashes, camera.position).irradiance != [0.0; 3];
-    let light = DropLight { world: task.drops, lamps, walls: task.town, around, lightning_bias, has_flash };
+    let light = DropLight {
+        world: task.drops,
+        lamps,
+        walls: task.town,
+        shafts: task.shafts,
+        around,
+        lightning_bias,
+        has_flash,
+    };
     if weather.rate.0 == 0.0 {
         return Ok(RainMedium { medium: None, field, covered: None, light });
     }
@@ -277,6 +296,11 @@ pub fn medium<'a>(
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
+    if let Some(shafts) = &task.shafts {
+        let spacing = task.frame.quality.halos;
+        let (metres, left) = (&memory.metres, &memory.transmittance);
+        shafts.draw((&medium, &covered), camera, (metres, left), spacing, &mut memory.picture);
+    }
     let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
     let lamps = halos::kept::Lamps {
         frame: task.frame,
@@ -347,6 +371,9 @@ pub fn streaks(task: &Task<'_>, medium: &RainMedium<'_>, memory: &mut Memory) ->
 }
 
 #[cfg(test)]
+mod ways;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::world::{Sun, WorldLight};
@@ -365,6 +392,7 @@ mod tests {
                 world,
                 lamps: Vec::new(),
                 walls: None,
+                shafts: None,
                 around: 1.0,
                 lightning_bias: 10.0,
                 has_flash,

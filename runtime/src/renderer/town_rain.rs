@@ -2,6 +2,7 @@
 
 mod table;
 
+use super::shafts::Shafts;
 use crate::camera::Ray;
 use crate::math::exp_neg;
 use crate::medium::Medium;
@@ -22,6 +23,8 @@ pub struct TownRain<'a> {
     table: Option<DepthTable>,
     /// What covers keep dry of it.
     dry: Option<&'a DryAir<'a>>,
+    /// What keeps the sun off it.
+    shafts: Option<Shafts<'a>>,
 }
 
 /// Irradiance on a surface whose normal has this cosine to a beam's direction, for 1 W/m² that is spread by a phase function: max(cos, 0)
@@ -36,7 +39,7 @@ impl<'a> TownRain<'a> {
     pub fn new(medium: Medium, field: RainField<'a>, light: &'a InScattering) -> Self {
         let mean = |degree| medium.phase().moments(degree).iter().sum::<f64>() as f32 / 3.0;
         let weakening = [0, 1, 2].map(mean);
-        Self { medium, field, light, weakening, table: None, dry: None }
+        Self { medium, field, light, weakening, table: None, dry: None, shafts: None }
     }
 
     /// The same with depths from around `eye` to the sky, and to the `targets` of [`RainBetween::left_far`], tabulated: for rain that
@@ -49,6 +52,11 @@ impl<'a> TownRain<'a> {
     /// The same under covers.
     pub fn under(self, dry: Option<&'a DryAir<'a>>) -> Self {
         Self { dry, ..self }
+    }
+
+    /// The same in the shadow of towers and hills.
+    pub fn shaded_by(self, shafts: Option<Shafts<'a>>) -> Self {
+        Self { shafts, ..self }
     }
 
     /// Depth that covers keep off a way.
@@ -110,8 +118,21 @@ impl RainBetween for TownRain<'_> {
             Some(depth) => self.left_of(f64::from(depth), (from.as_dvec3(), direction, f64::INFINITY)),
             None => self.share(from.as_dvec3(), direction, f64::from(metres)),
         };
-        let added = if left < 1.0 { self.light.radiance(direction) } else { [0.0; 3] };
-        (left, added.map(|value| value * (1.0 - left)))
+        if left >= 1.0 {
+            return (left, [0.0; 3]);
+        }
+        let mut added = self.light.radiance(direction).map(|value| value * (1.0 - left));
+        if let Some(shafts) = &self.shafts {
+            let start = from.as_dvec3();
+            let end = f64::from(metres).min(self.field.farthest());
+            let share = shafts.share(&Ray { origin: start, direction }, end, |metres| {
+                f64::from(self.share(start, direction, metres))
+            });
+            let sun = shafts.shown(self.light.phase(), direction);
+            let share = share.min(1.0 - left);
+            (0..3).for_each(|band| added[band] = (added[band] - sun[band] * share).max(0.0));
+        }
+        (left, added)
     }
 
     /// What rain takes from a beam it sends on by its phase function p: to a surface beyond, ∫ p max(cos, 0) dω of it, to the second

@@ -15,6 +15,7 @@ pub mod light;
 pub mod line;
 pub(crate) mod panes;
 pub mod rain;
+mod shadow;
 mod shelter;
 #[cfg(feature = "gpu")]
 pub(crate) mod upload;

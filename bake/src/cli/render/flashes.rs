@@ -7,7 +7,7 @@ use squall_bake::input::json::read_json;
 use squall_formats::section::bolt::StrokeRecord;
 use squall_formats::section::view::ViewFlash;
 use squall_formats::units::Seconds;
-use squall_runtime::frame::{FlashCurve, Thunder};
+use squall_runtime::frame::{ChannelPieces, FlashCurve, Thunder};
 use squall_runtime::glam::DVec3;
 use squall_runtime::{Flash, RuntimeError, StormRenderer};
 use std::path::Path;
@@ -37,7 +37,17 @@ fn one() -> f64 {
 struct Shine {
     stroke: String,
     curves: Curves,
+    /// The channel in pieces, for exposures so short that light is seen to run along it.
+    pieces: Option<ChannelPieces>,
 }
+
+/// Longest exposure in which light may be seen to run along a channel, s: a leader takes some 20 ms.
+const LONGEST_S: f64 = 5e-3;
+/// Pieces that a channel is cut into, and most pieces of all strokes together.
+const PIECES: usize = 16;
+const MOST_PIECES: usize = 48;
+/// Difference between a stroke's pieces, as a share of the stroke's stated intensity, below which they count as one.
+const ALIKE: f64 = 1e-2;
 
 enum Curves {
     /// In the stroke's own colour.
@@ -58,6 +68,7 @@ impl Timeline {
         let shine = |flash: &ViewFlash| Shine {
             stroke: flash.stroke.clone(),
             curves: Curves::Own(curve.clone().times(flash.brightness)),
+            pieces: None,
         };
         Self { shines: flashes.iter().map(shine).collect() }
     }
@@ -98,26 +109,29 @@ impl Timeline {
             } else {
                 Curves::Own(curve(path, name, &own, |_| 1.0)?)
             };
-            shines.push(Shine { stroke: name.to_owned(), curves });
+            shines.push(Shine { stroke: name.to_owned(), curves, pieces: None });
         }
         Ok(Self { shines })
     }
 
-    /// What an exposure sees of every stroke; strokes that are dark are left out.
+    /// Has light run along the channels where `exposure` is short enough to see it.
+    ///
+    /// Errors: a stroke that the asset lacks.
+    pub fn run_along(&mut self, renderer: &StormRenderer, exposure: Seconds) -> Result<(), RuntimeError> {
+        if exposure.0 <= 0.0 || exposure.0 > LONGEST_S {
+            return Ok(());
+        }
+        let count = (MOST_PIECES / self.shines.len().max(1)).clamp(1, PIECES);
+        for shine in &mut self.shines {
+            shine.pieces = Some(ChannelPieces::of(&*renderer.stroke(&shine.stroke)?, count)?);
+        }
+        Ok(())
+    }
+
+    /// What an exposure sees of every stroke, or of its pieces where light is on its way along it; what is dark is left out.
     pub fn seen(&self, opens: Seconds, exposure: Seconds) -> Vec<Flash> {
-        let seen = |shine: &Shine| {
-            let flash = Flash::named(&shine.stroke);
-            match &shine.curves {
-                Curves::Own(curve) => flash.brightness(curve.mean(opens, exposure)),
-                Curves::Bands(bands) => {
-                    let means = [0, 1, 2].map(|band| bands[band].mean(opens, exposure));
-                    let most = means.iter().copied().fold(0.0, f64::max);
-                    let color = means.map(|mean| if most > 0.0 { (mean / most) as f32 } else { 0.0 });
-                    flash.brightness(most).colored(color)
-                }
-            }
-        };
-        self.shines.iter().map(seen).filter(|flash| flash.brightness > 0.0).collect()
+        let seen = |shine: &Shine| shine.seen(opens, exposure);
+        self.shines.iter().flat_map(seen).filter(|flash| flash.brightness > 0.0).collect()
     }
 
     /// Every stroke with its return strokes and its thunder, as data.
@@ -141,6 +155,42 @@ impl Timeline {
         };
         self.shines.iter().map(one).collect()
     }
+}
+
+impl Shine {
+    fn seen(&self, opens: Seconds, exposure: Seconds) -> Vec<Flash> {
+        let curves = match &self.curves {
+            Curves::Own(curve) => std::slice::from_ref(curve),
+            Curves::Bands(bands) => bands.as_slice(),
+        };
+        let whole = || {
+            let means: Vec<f64> = curves.iter().map(|curve| curve.mean(opens, exposure)).collect();
+            vec![lit(Flash::named(&self.stroke), &means)]
+        };
+        let Some(pieces) = &self.pieces else { return whole() };
+        let bands: Vec<Vec<f64>> =
+            curves.iter().map(|curve| pieces.brightness(curve, opens, exposure)).collect();
+        let spread = |own: &Vec<f64>| {
+            let (least, most) = own.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &v| (a.min(v), b.max(v)));
+            most - least
+        };
+        if bands.iter().all(|own| spread(own) <= ALIKE) {
+            return whole();
+        }
+        let piece = |(number, stroke): (usize, &std::sync::Arc<squall_runtime::Stroke>)| {
+            let means: Vec<f64> = bands.iter().map(|own| own[number]).collect();
+            lit(Flash::own(stroke.clone()), &means)
+        };
+        pieces.strokes().iter().enumerate().map(piece).collect()
+    }
+}
+
+/// A flash as bright as one mean says in the stroke's own colour, or as three say in bands.
+fn lit(flash: Flash, means: &[f64]) -> Flash {
+    let &[red, green, blue] = means else { return flash.brightness(means.iter().sum()) };
+    let most = red.max(green).max(blue);
+    let band = |mean: f64| if most > 0.0 { (mean / most) as f32 } else { 0.0 };
+    flash.brightness(most).colored([red, green, blue].map(band))
 }
 
 /// When a stroke's thunder is heard, and from how far, as data.

@@ -1,10 +1,12 @@
 //! Rays against upright boxes: a tree over their bounds, built once.
 
 pub mod beam;
+mod shadow;
 #[cfg(feature = "gpu")]
 mod upload;
 
 use glam::{Vec2, Vec3};
+pub(super) use shadow::stretch as shadow_of_box;
 use squall_formats::section::town::Block;
 
 /// A box with its turn worked out.
