@@ -3,6 +3,8 @@
 //! Lattice points are hashed from integers, so nothing is stored and nothing repeats; a period can be asked
 //! for where a table is filled ([`Lattice::periodic`]).
 
+mod period;
+
 use glam::Vec3;
 
 /// A seeded integer lattice, unbounded or periodic.
@@ -15,7 +17,7 @@ pub struct Lattice {
 
 /// Mixes three lattice coordinates and a seed into 32 bits, every input bit reaching every output bit
 /// (multiply, xor-shift rounds with the constants of the PCG family's 3-D hash).
-#[inline]
+#[inline(always)]
 fn scramble(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     let mut a = (x as u32).wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
     let mut b = (y as u32).wrapping_mul(1_664_525).wrapping_add(1_013_904_223 ^ seed);
@@ -33,7 +35,7 @@ fn scramble(x: i32, y: i32, z: i32, seed: u32) -> u32 {
 }
 
 /// The bits `shift .. shift + 10` of `hash` as a number in [0, 1).
-#[inline]
+#[inline(always)]
 fn tenth(hash: u32, shift: u32) -> f32 {
     ((hash >> shift) & 1023) as f32 * (1.0 / 1024.0)
 }
@@ -74,7 +76,7 @@ impl Lattice {
         self.seed
     }
 
-    #[inline]
+    #[inline(always)]
     fn hash(&self, x: i32, y: i32, z: i32) -> u32 {
         scramble(x & self.mask, y & self.mask, z & self.mask, self.seed)
     }
@@ -83,23 +85,24 @@ impl Lattice {
     pub fn gradient(&self, p: Vec3) -> f32 {
         let (x, y, z) = (floor_to_i32(p.x), floor_to_i32(p.y), floor_to_i32(p.z));
         let f = Vec3::new(p.x - x as f32, p.y - y as f32, p.z - z as f32);
-        let corner = |dx: i32, dy: i32, dz: i32| {
-            let h = self.hash(x.wrapping_add(dx), y.wrapping_add(dy), z.wrapping_add(dz));
-            let slope =
-                Vec3::new(tenth(h, 0) * 2.0 - 1.0, tenth(h, 10) * 2.0 - 1.0, tenth(h, 20) * 2.0 - 1.0);
-            slope.dot(f - Vec3::new(dx as f32, dy as f32, dz as f32))
-        };
         let (u, v, w) = (fade(f.x), fade(f.y), fade(f.z));
-        let along_x = |dy: i32, dz: i32| {
-            let (a, b) = (corner(0, dy, dz), corner(1, dy, dz));
-            a + u * (b - a)
-        };
-        let along_y = |dz: i32| {
-            let (a, b) = (along_x(0, dz), along_x(1, dz));
+        let [low, high] = [0, 1].map(|dz| {
+            let [a, b] = [0, 1].map(|dy| {
+                let [a, b] = [0, 1].map(|dx| self.slope([x, y, z], [dx, dy, dz], f));
+                a + u * (b - a)
+            });
             a + v * (b - a)
-        };
-        let (a, b) = (along_y(0), along_y(1));
-        (a + w * (b - a)).clamp(-1.0, 1.0)
+        });
+        (low + w * (high - low)).clamp(-1.0, 1.0)
+    }
+
+    /// What the lattice point `step` from the cell's own adds at a place `f` in the cell.
+    #[inline(always)]
+    fn slope(&self, [x, y, z]: [i32; 3], step: [i32; 3], f: Vec3) -> f32 {
+        let [dx, dy, dz] = step;
+        let h = self.hash(x.wrapping_add(dx), y.wrapping_add(dy), z.wrapping_add(dz));
+        let slope = Vec3::new(tenth(h, 0) * 2.0 - 1.0, tenth(h, 10) * 2.0 - 1.0, tenth(h, 20) * 2.0 - 1.0);
+        slope.dot(f - Vec3::new(dx as f32, dy as f32, dz as f32))
     }
 
     /// Distance to the nearest of one random point per lattice cell, about 0 to 1.2 (Worley's F₁).

@@ -13,7 +13,7 @@
 mod mapped;
 
 use super::{Medium, Outlook};
-use crate::camera::{Camera, Projection, Ray};
+use crate::camera::{Camera, Lens, Projection, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
@@ -89,6 +89,7 @@ impl Medium {
 struct BandMedium<'a, V> {
     medium: &'a Medium,
     camera: &'a Camera,
+    lens: Lens<'a>,
     volume: &'a V,
     light: &'a InScattering,
     depth: Option<&'a DepthBuffer<'a>>,
@@ -127,6 +128,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         Self {
             medium,
             camera,
+            lens: Lens::new(camera),
             volume: &outlook.volume,
             light: outlook.light,
             depth: outlook.depth.as_ref(),
@@ -360,7 +362,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
     }
 
     fn ray(&self, x: usize, y: usize) -> Ray {
-        self.camera.ray_with(&self.camera.secants(), x as f64 + 0.5, y as f64 + 0.5)
+        self.lens.ray(x as f64 + 0.5, y as f64 + 0.5)
     }
 
     #[inline(always)]
