@@ -15,7 +15,7 @@ mod past;
 #[cfg(feature = "gpu")]
 mod upload;
 
-pub use past::LitPieces;
+pub(crate) use past::LitPieces;
 
 use crate::medium::Phase;
 use glam::DVec3;

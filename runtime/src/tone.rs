@@ -131,7 +131,9 @@ impl Tone {
         let mut found = [[0.0; LANES]; 3];
         for lane in 0..LANES {
             let shown = self.curve_with(grey, [light[0][lane], light[1][lane], light[2][lane]]);
-            (0..3).for_each(|band| found[band][lane] = signal_of(shown[band]));
+            found[0][lane] = signal_of(shown[0]);
+            found[1][lane] = signal_of(shown[1]);
+            found[2][lane] = signal_of(shown[2]);
         }
         found
     }
@@ -157,7 +159,7 @@ impl Tone {
         let (width, grey) = (picture.width, self.grey());
         let mut tamed = picture.clone();
         tamed.pixels.par_chunks_mut(width.max(1)).for_each(|row| {
-            row.iter_mut().for_each(|pixel| *pixel = pixel.map(tame));
+            row.as_flattened_mut().iter_mut().for_each(|value| *value = tame(*value));
         });
         let light = self.bloom.spread(&tamed).pixels;
         let mut shown = vec![[T::default(); 3]; light.len()];
@@ -169,7 +171,9 @@ impl Tone {
                     || {
                         let mut own = [[0.0; LANES]; 3];
                         for (lane, light) in light.iter().enumerate() {
-                            (0..3).for_each(|band| own[band][lane] = light[band]);
+                            own[0][lane] = light[0];
+                            own[1][lane] = light[1];
+                            own[2][lane] = light[2];
                         }
                         signals = self.signals(grey, &own);
                         for (band, signals) in signals.iter_mut().enumerate() {

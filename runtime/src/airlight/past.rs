@@ -12,7 +12,7 @@ const ALIKE: f64 = 0.1;
 /// What of a ray a point lights, whatever the ray ends on: pieces by the tangent of half the angle at the point, from the eye on, each with the
 /// share of light that gets to it.
 #[derive(Clone, Copy, Debug)]
-pub enum LitPieces {
+pub(crate) enum LitPieces {
     /// All of it.
     All,
     /// Nothing.
@@ -101,7 +101,7 @@ impl LitPieces {
 
 impl Airlight {
     /// [`Airlight::of_point`], which is `whole`, where of the ray only `lit` pieces are; these are of this ray or of one that goes on.
-    pub fn of_point_past(
+    pub(crate) fn of_point_past(
         &self,
         extinction: f64,
         beside: &PointBeside,

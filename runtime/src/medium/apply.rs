@@ -337,9 +337,18 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         let ahead = (self.camera.forward - self.camera.up * down).as_vec3();
         let right = self.camera.right.as_vec3();
         let count = LANES.min(self.camera.width as usize - x);
-        let is_dry =
-            |i: usize| self.volume.is_dry_before((ahead + right * tangents[i]) / secants[i], range[i]);
-        (0..count).filter(|&i| is_dry(i)).fold(0, |bits, i| bits | 1 << i)
+        let way = |i: usize| (ahead + right * tangents[i]) / secants[i];
+        let mut bits = 0;
+        for first in (0..count).step_by(FLAT) {
+            let last = (first + FLAT).min(count) - 1;
+            let farthest = range[first..=last].iter().copied().fold(0.0, f32::max);
+            // Most blocks of pixels are in the open.
+            if self.volume.may_be_dry([way(first), way(last)], farthest) {
+                let is_dry = |i: &usize| self.volume.is_dry_before(way(*i), range[*i]);
+                bits = (first..=last).filter(is_dry).fold(bits, |bits, i| bits | 1 << i);
+            }
+        }
+        bits
     }
 
     /// The same of any pixel.

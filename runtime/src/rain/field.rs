@@ -48,6 +48,10 @@ pub trait RainPath: Sync {
     fn is_dry_before(&self, _direction: Vec3, _metres: f32) -> bool {
         false
     }
+    /// Whether [`RainPath::is_dry_before`] may say so of any ray between two unit directions some pixels apart.
+    fn may_be_dry(&self, _ends: [Vec3; 2], _metres: f32) -> bool {
+        true
+    }
 }
 
 impl<V: RainPath + ?Sized> RainPath for &V {
@@ -89,6 +93,10 @@ impl<V: RainPath + ?Sized> RainPath for &V {
 
     fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {
         V::is_dry_before(self, direction, metres)
+    }
+
+    fn may_be_dry(&self, ends: [Vec3; 2], metres: f32) -> bool {
+        V::may_be_dry(self, ends, metres)
     }
 }
 

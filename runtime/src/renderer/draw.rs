@@ -208,8 +208,8 @@ impl Scene {
             half_width: Radians(MIRROR_HALF_WIDTH),
             bottom: Radians(0.0),
             top: Radians(MIRROR_TOP),
-            // As fine as the nodes that look into it.
-            size: MIRROR_SIZE.map(|count| count * 2 / (frame.quality.town.spacing as usize).clamp(2, 8)),
+            // Half as fine for nodes that stand twice as far apart and more.
+            size: MIRROR_SIZE.map(|count| count * 2 / (frame.quality.town.spacing as usize).clamp(2, 4)),
         };
         let from_eye = |direction: Vec3| Ray { origin: eye, direction: direction.as_dvec3() };
         let mirror =

@@ -77,10 +77,16 @@ pub(crate) fn add_doubled(fine: &Picture, weight: f32, coarse: &Picture) -> Pict
         let [near, far] = [near, far].map(|row| coarse.row(row).as_flattened());
         let mixed: Vec<f32> = near.iter().zip(far).map(|(near, far)| 0.75 * near + 0.25 * far).collect();
         let (row, _) = mixed.as_chunks::<3>();
-        for (x, (pixel, fine)) in pixels.iter_mut().zip(fine.row(y)).enumerate() {
-            let (near, far) = taps(x, coarse.width);
-            let (near, far) = (&row[near], &row[far]);
-            *pixel = std::array::from_fn(|band| weight * fine[band] + 0.75 * near[band] + 0.25 * far[band]);
+        let last = row.len() - 1;
+        let pairs = pixels.chunks_mut(2).zip(fine.row(y).chunks(2)).enumerate();
+        for (x, (pixels, fine)) in pairs {
+            let (before, near, behind) =
+                (&row[x.saturating_sub(1)], &row[x.min(last)], &row[(x + 1).min(last)]);
+            for ((pixel, fine), far) in pixels.iter_mut().zip(fine).zip([before, behind]) {
+                for band in 0..3 {
+                    pixel[band] = weight * fine[band] + 0.75 * near[band] + 0.25 * far[band];
+                }
+            }
         }
     });
     Picture { width: fine.width, height: fine.height, pixels }

@@ -20,7 +20,8 @@ pub(super) fn power(value: f32, exponent: f32) -> f32 {
     let raised = (log * exponent).clamp(-126.0, 126.0);
     let whole = (raised + 126.5) as i32 - 126;
     let f = raised - whole as f32;
-    let part = EXP2.iter().rev().fold(0.0, |sum, c| sum * f + c);
+    let [a, b, c, d, e, g, h] = EXP2;
+    let part = a + f * (b + f * (c + f * (d + f * (e + f * (g + f * h)))));
     part * f32::from_bits(((whole + 127) << 23) as u32)
 }
 

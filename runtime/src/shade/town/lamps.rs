@@ -73,7 +73,6 @@ impl LampReach {
     }
 
     /// A texel of the map.
-    #[cfg(feature = "gpu")]
     fn texel(&self, town: &Town, [x, y]: [usize; 2]) -> Nearest {
         self.tile(town, y / EDGE * ACROSS + x / EDGE)[y % EDGE * EDGE + x % EDGE]
     }
@@ -81,25 +80,27 @@ impl LampReach {
     /// Share of the lamp that reaches a spot `way` from it, in [0, 1]; `block` is what the spot is on.
     fn share(&self, town: &Town, way: Vec3, block: u32) -> f32 {
         let near = way.length() * (1.0 - NEARER);
-        let place = |v: f32| ((v * 0.5 + 0.5) * SIDE as f32 - 0.5).clamp(0.0, (SIDE - 1) as f32);
-        let [x, y] = fold(way).map(place);
-        let [column, row] = [x, y].map(|v| (v as usize).min(SIDE - 2));
-        let (u, v) = (x - column as f32, y - row as f32);
-        let is_lit = |texel: &Nearest| texel.metres >= near || (texel.block == block && block != NO_BLOCK);
-        let (within_x, within_y) = (column % EDGE, row % EDGE);
-        let number = row / EDGE * ACROSS + column / EDGE;
-        let tile = self.tile(town, number);
-        let at = within_y * EDGE + within_x;
-        let lit = if within_x + 1 < EDGE && within_y + 1 < EDGE {
-            [at, at + 1, at + EDGE, at + EDGE + 1].map(|at| is_lit(&tile[at]))
-        } else {
-            let beside = |dx: usize, dy: usize| {
-                let (x, y) = (column + dx, row + dy);
-                is_lit(&self.tile(town, y / EDGE * ACROSS + x / EDGE)[y % EDGE * EDGE + x % EDGE])
-            };
-            [is_lit(&tile[at]), beside(1, 0), beside(0, 1), beside(1, 1)]
+        let place = |v: f32| {
+            let at = (v * 0.5 + 0.5) * SIDE as f32 - 0.5;
+            let at = if at > 0.0 { at } else { 0.0 };
+            if at < (SIDE - 1) as f32 { at } else { (SIDE - 1) as f32 }
         };
-        let [a, b, c, d] = lit.map(f32::from);
+        let [x, y] = fold(way);
+        let (x, y) = (place(x), place(y));
+        let (column, row) = ((x as usize).min(SIDE - 2), (y as usize).min(SIDE - 2));
+        let (u, v) = (x - column as f32, y - row as f32);
+        let lit =
+            |texel: Nearest| f32::from(texel.metres >= near || (texel.block == block && block != NO_BLOCK));
+        let (within_x, within_y) = (column % EDGE, row % EDGE);
+        let tile = self.tile(town, row / EDGE * ACROSS + column / EDGE);
+        let at = within_y * EDGE + within_x;
+        let (a, b, c, d) = if within_x + 1 < EDGE && within_y + 1 < EDGE {
+            (lit(tile[at]), lit(tile[at + 1]), lit(tile[at + EDGE]), lit(tile[at + EDGE + 1]))
+        } else {
+            let beside = |x: usize, y: usize| lit(self.texel(town, [x, y]));
+            let (right, below) = (column + 1, row + 1);
+            (lit(tile[at]), beside(right, row), beside(column, below), beside(right, below))
+        };
         let (top, bottom) = (a + u * (b - a), c + u * (d - c));
         top + v * (bottom - top)
     }
