@@ -15,6 +15,8 @@ mod past;
 #[cfg(feature = "gpu")]
 mod upload;
 
+pub(crate) use past::LitPieces;
+
 use crate::medium::Phase;
 use glam::DVec3;
 

@@ -7,9 +7,11 @@
 //! A camera comes from a direction ([`Camera::new`]), a target ([`Camera::look_at`]), a renderer's matrices
 //! ([`Camera::from_matrices`]) or a calibrated lens ([`Camera::pinhole`]); [`Camera::rolled`] tilts any of them.
 
+mod lens;
 mod matrix;
 mod pinhole;
 
+pub(crate) use lens::Lens;
 pub use pinhole::Intrinsics;
 
 use crate::error::RuntimeError;
@@ -275,6 +277,11 @@ impl Camera {
 
     /// Where `point` lands; `None` at or behind a perspective camera's plane.
     pub fn project(&self, point: DVec3) -> Option<Projected> {
+        self.project_between(self.half_extent(), point)
+    }
+
+    /// The same of a camera whose [`Camera::half_extent`] is `half`.
+    fn project_between(&self, half: DVec2, point: DVec3) -> Option<Projected> {
         let offset = point - self.position;
         let depth = offset.dot(self.forward);
         let scale = match self.projection {
@@ -282,7 +289,6 @@ impl Camera {
             Projection::Perspective { .. } => return None,
             Projection::Orthographic { .. } => 1.0,
         };
-        let half = self.half_extent();
         let x = 0.5 * (offset.dot(self.right) * scale / half.x + 1.0) * f64::from(self.width);
         let y = 0.5 * (1.0 - offset.dot(self.up) * scale / half.y) * f64::from(self.height);
         Some(Projected { pixel: DVec2::new(x, y) + self.shift_px, depth })

@@ -37,6 +37,7 @@ pub use squall_transport::gather::GatherReport;
 use crate::error::RuntimeError;
 use crate::frame::Flash;
 use crate::load::Asset;
+use crate::parallel::prelude::*;
 use crate::relight::{BRIGHTEST, PointLight, RelightBuffers, RelightOptions, Relighter};
 use crate::single_scatter::{DirectRays, DirectSettings};
 use crate::stroke::Strokes;
@@ -71,6 +72,9 @@ pub struct Clouds {
     #[cfg(feature = "live")]
     gatherer: Option<gather::Gatherer>,
 }
+
+/// Cells that one thread takes at a time.
+const CELLS_AT_ONCE: usize = 1 << 14;
 
 /// What one call's light came from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -349,10 +353,16 @@ impl Clouds {
             for (stroke, flash) in group.iter().filter(|(_, flash)| flash.brightness > 0.0) {
                 let entry = self.stroke_light(stroke, made_for, &mut report)?;
                 let brightness = flash.brightness as f32;
-                sum.iter_mut().zip(entry).for_each(|(sum, j)| *sum += brightness * j);
+                sum.par_chunks_mut(CELLS_AT_ONCE).zip(entry.par_chunks(CELLS_AT_ONCE)).for_each(
+                    |(sum, j)| {
+                        sum.iter_mut().zip(j).for_each(|(sum, j)| *sum += brightness * j);
+                    },
+                );
             }
             let color = Vec3::from_array(group[0].1.color_of(&group[0].0));
-            light.iter_mut().zip(&sum).for_each(|(light, j)| *light += color * j.max(0.0));
+            light.par_chunks_mut(CELLS_AT_ONCE).zip(sum.par_chunks(CELLS_AT_ONCE)).for_each(|(light, j)| {
+                light.iter_mut().zip(j).for_each(|(light, j)| *light += color * j.max(0.0));
+            });
         }
         Ok(report)
     }
@@ -398,6 +408,11 @@ impl Clouds {
 
 /// Light per cell with the cell's extinction behind it.
 pub(crate) fn with_extinction(cloud: &Cloud, light: &[Vec3], cells: &mut Vec<Vec4>) {
-    cells.clear();
-    cells.extend(light.iter().zip(&cloud.extinction).map(|(j, &extinction)| j.extend(extinction)));
+    cells.resize(light.len(), Vec4::ZERO);
+    let parts = cells.par_chunks_mut(CELLS_AT_ONCE).zip(light.par_chunks(CELLS_AT_ONCE));
+    parts.zip(cloud.extinction.par_chunks(CELLS_AT_ONCE)).for_each(|((cells, light), extinction)| {
+        for (cell, (j, &extinction)) in cells.iter_mut().zip(light.iter().zip(extinction)) {
+            *cell = j.extend(extinction);
+        }
+    });
 }

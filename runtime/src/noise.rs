@@ -3,6 +3,9 @@
 //! Lattice points are hashed from integers, so nothing is stored and nothing repeats; a period can be asked
 //! for where a table is filled ([`Lattice::periodic`]).
 
+mod period;
+
+use crate::registers::in_registers;
 use glam::Vec3;
 
 /// A seeded integer lattice, unbounded or periodic.
@@ -15,7 +18,7 @@ pub struct Lattice {
 
 /// Mixes three lattice coordinates and a seed into 32 bits, every input bit reaching every output bit
 /// (multiply, xor-shift rounds with the constants of the PCG family's 3-D hash).
-#[inline]
+#[inline(always)]
 fn scramble(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     let mut a = (x as u32).wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
     let mut b = (y as u32).wrapping_mul(1_664_525).wrapping_add(1_013_904_223 ^ seed);
@@ -33,13 +36,13 @@ fn scramble(x: i32, y: i32, z: i32, seed: u32) -> u32 {
 }
 
 /// The bits `shift .. shift + 10` of `hash` as a number in [0, 1).
-#[inline]
+#[inline(always)]
 fn tenth(hash: u32, shift: u32) -> f32 {
     ((hash >> shift) & 1023) as f32 * (1.0 / 1024.0)
 }
 
 /// The quintic fade 6t⁵ − 15t⁴ + 10t³: no visible lattice in slopes.
-#[inline]
+#[inline(always)]
 fn fade(t: f32) -> f32 {
     t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 }
@@ -51,7 +54,7 @@ pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-#[inline]
+#[inline(always)]
 fn floor_to_i32(value: f32) -> i32 {
     let truncated = value as i32;
     truncated - i32::from((truncated as f32) > value)
@@ -74,32 +77,40 @@ impl Lattice {
         self.seed
     }
 
-    #[inline]
+    #[inline(always)]
     fn hash(&self, x: i32, y: i32, z: i32) -> u32 {
         scramble(x & self.mask, y & self.mask, z & self.mask, self.seed)
     }
 
     /// Gradient noise: mean 0, within [−1, 1], features one unit wide.
     pub fn gradient(&self, p: Vec3) -> f32 {
+        let mut found = 0.0;
+        in_registers(
+            #[inline(always)]
+            || found = self.gradient_in_registers(p),
+        );
+        found
+    }
+
+    #[inline(always)]
+    fn gradient_in_registers(&self, p: Vec3) -> f32 {
         let (x, y, z) = (floor_to_i32(p.x), floor_to_i32(p.y), floor_to_i32(p.z));
         let f = Vec3::new(p.x - x as f32, p.y - y as f32, p.z - z as f32);
-        let corner = |dx: i32, dy: i32, dz: i32| {
+        // The eight corners side by side, x fastest.
+        let mut own = [0.0; 8];
+        for (corner, own) in own.iter_mut().enumerate() {
+            let (dx, dy, dz) = ((corner & 1) as i32, (corner >> 1 & 1) as i32, (corner >> 2) as i32);
             let h = self.hash(x.wrapping_add(dx), y.wrapping_add(dy), z.wrapping_add(dz));
-            let slope =
-                Vec3::new(tenth(h, 0) * 2.0 - 1.0, tenth(h, 10) * 2.0 - 1.0, tenth(h, 20) * 2.0 - 1.0);
-            slope.dot(f - Vec3::new(dx as f32, dy as f32, dz as f32))
-        };
+            let along_x = (tenth(h, 0) * 2.0 - 1.0) * (f.x - dx as f32);
+            let along_y = (tenth(h, 10) * 2.0 - 1.0) * (f.y - dy as f32);
+            let along_z = (tenth(h, 20) * 2.0 - 1.0) * (f.z - dz as f32);
+            *own = along_x + along_y + along_z;
+        }
         let (u, v, w) = (fade(f.x), fade(f.y), fade(f.z));
-        let along_x = |dy: i32, dz: i32| {
-            let (a, b) = (corner(0, dy, dz), corner(1, dy, dz));
-            a + u * (b - a)
-        };
-        let along_y = |dz: i32| {
-            let (a, b) = (along_x(0, dz), along_x(1, dz));
-            a + v * (b - a)
-        };
-        let (a, b) = (along_y(0), along_y(1));
-        (a + w * (b - a)).clamp(-1.0, 1.0)
+        let (a, b) = (own[0] + u * (own[1] - own[0]), own[2] + u * (own[3] - own[2]));
+        let (c, d) = (own[4] + u * (own[5] - own[4]), own[6] + u * (own[7] - own[6]));
+        let (low, high) = (a + v * (b - a), c + v * (d - c));
+        (low + w * (high - low)).clamp(-1.0, 1.0)
     }
 
     /// Distance to the nearest of one random point per lattice cell, about 0 to 1.2 (Worley's F₁).
@@ -138,15 +149,20 @@ impl Lattice {
     /// Gradient noise summed over `octaves`, each twice as fine and `gain` as strong; mean 0, within [−1, 1].
     pub fn fractal(&self, p: Vec3, octaves: u32, gain: f32) -> f32 {
         let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
-        for octave in 0..octaves {
-            let seed = self.seed.wrapping_add(octave.wrapping_mul(0x85EB_CA6B));
-            // Twice as fine, twice as many points per period.
-            let mask = (self.mask << octave) | ((1 << octave) - 1);
-            let layer = Self { seed, mask };
-            sum += weight * layer.gradient(p * (1u32 << octave) as f32);
-            total += weight;
-            weight *= gain;
-        }
+        in_registers(
+            #[inline(always)]
+            || {
+                for octave in 0..octaves {
+                    let seed = self.seed.wrapping_add(octave.wrapping_mul(0x85EB_CA6B));
+                    // Twice as fine, twice as many points per period.
+                    let mask = (self.mask << octave) | ((1 << octave) - 1);
+                    let layer = Self { seed, mask };
+                    sum += weight * layer.gradient_in_registers(p * (1u32 << octave) as f32);
+                    total += weight;
+                    weight *= gain;
+                }
+            },
+        );
         sum / total
     }
 }

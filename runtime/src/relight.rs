@@ -7,6 +7,7 @@
 use crate::camera::{Camera, Projection};
 use crate::error::RuntimeError;
 use crate::load::Asset;
+use crate::single_scatter::WantedCells;
 use crate::transport::{Boundary, Cloud};
 use glam::DVec3;
 use squall_formats::ReadError;
@@ -36,6 +37,7 @@ mod finer;
 mod known;
 mod lit;
 mod response;
+mod towards;
 
 pub use response::Response;
 
@@ -55,6 +57,12 @@ pub struct Relighter {
     finer: Vec<Vec<(u32, u32)>>,
     /// Steps from each of the cloud's cells to the nearest with cloud in it, once asked for.
     distances: OnceLock<Vec<u8>>,
+    /// Cells within a step of cloud, once asked for.
+    near: OnceLock<WantedCells>,
+    /// Cells whose light means something, once asked for.
+    known: OnceLock<towards::KnownCells>,
+    /// What lights share towards the last viewer.
+    towards: towards::LastTowards,
 }
 
 /// Memory of relighting calls; nothing is allocated once it has grown to a stroke's size.
@@ -123,9 +131,21 @@ impl Relighter {
         let verified = (0..response.row_count()).map(|_| AtomicBool::new(false)).collect();
         let frame =
             response.head.view_region.as_ref().map(|view_region| view_region_frame(view_region, &cloud));
-        let distances = OnceLock::new();
         let finer = finer::nodes_of(&response.head);
-        Ok(Self { asset: asset.clone(), response, cloud, blocks, haar, frame, verified, finer, distances })
+        Ok(Self {
+            asset: asset.clone(),
+            response,
+            cloud,
+            blocks,
+            haar,
+            frame,
+            verified,
+            finer,
+            distances: OnceLock::new(),
+            near: OnceLock::new(),
+            known: OnceLock::new(),
+            towards: towards::LastTowards::default(),
+        })
     }
 
     /// The cloud grid.

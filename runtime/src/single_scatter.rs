@@ -10,14 +10,16 @@ mod budget;
 mod moments;
 #[cfg(feature = "gpu")]
 mod shares;
+mod wanted;
 
 pub use budget::DirectRays;
 #[cfg(feature = "live")]
-pub(crate) use moments::{WantedCells, add_direct_moments};
+pub(crate) use moments::add_direct_moments;
 #[cfg(feature = "gpu")]
 pub(crate) use shares::beam_shares;
+pub(crate) use wanted::WantedCells;
 
-use crate::parallel::map_chunks;
+use crate::parallel::prelude::*;
 use crate::phase::PreparedHg;
 use crate::random::Random;
 use crate::relight::PointLight;
@@ -43,6 +45,12 @@ impl Default for DirectSettings {
 
 /// Points whose rays are summed in one piece; pieces run in parallel and are added in order.
 const POINTS_PER_PIECE: usize = 32;
+
+/// Pieces in flight at once, which bound memory, and four times as many whose sums are fewer than [`SHORT`].
+const AT_ONCE: usize = 8;
+const SHORT: usize = 1 << 19;
+/// Sums that one thread adds up at a time.
+const SUMS_AT_ONCE: usize = 1 << 14;
 
 struct TowardsViewer<'a> {
     j: Vec<f32>,
@@ -127,23 +135,50 @@ pub fn add_direct(
     add_rays(whole, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
 }
 
-/// [`add_direct`] for pictures: `distances` holds, a cell, how many steps the nearest cell with cloud is away. Cells that no lookup
-/// between the centres of cells reads get nothing, and a ray ends with [`LEAST`] of its light.
+/// The same in a few cells.
+struct WantedTowardsViewer<'a> {
+    places: &'a [u32],
+    whole: TowardsViewer<'a>,
+}
+
+impl Tally for WantedTowardsViewer<'_> {
+    #[inline]
+    fn start(&mut self, direction: DVec3) {
+        self.whole.start(direction);
+    }
+
+    #[inline(always)]
+    fn chord(&mut self, cell: usize, unscattered: f32, scaled: f32) {
+        // Cells that are not wanted have no place.
+        let place = self.places[cell] as usize;
+        if place < self.whole.j.len() {
+            self.whole.chord(place, unscattered, scaled);
+        }
+    }
+}
+
+/// [`add_direct`] for pictures: `distances` holds, a cell, how many steps the nearest cell with cloud is away, and `ways` the direction to
+/// the viewer of each wanted cell. Other cells get nothing, and a ray ends with [`LEAST`] of its light.
 ///
-/// Panics when an array is not one grid long.
+/// Panics when an array is not one grid long, or has not one way a wanted cell.
 pub(crate) fn add_direct_near(
     (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
+    (wanted, ways): (&WantedCells, &[[f32; 3]]),
     lights: &[PointLight],
-    to_viewer: &[[f32; 3]],
     settings: DirectSettings,
     j: &mut [f32],
 ) {
-    let cells = cloud.shape.len();
-    assert!(j.len() == cells && to_viewer.len() == cells && distances.len() == cells);
+    let (cells, count) = (cloud.shape.len(), ways.len());
+    assert!(j.len() == cells && distances.len() == cells && wanted.cells.len() == count);
     let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
-    let tally = || TowardsViewer { j: vec![0.0; to_viewer.len()], to_viewer, phase, direction: [0.0; 3] };
+    let tally = || WantedTowardsViewer {
+        places: &wanted.places,
+        whole: TowardsViewer { j: vec![0.0; count], to_viewer: ways, phase, direction: [0.0; 3] },
+    };
     let near = (cloud, extinction_scale, distances);
-    add_rays(near, lights, settings, (&tally, &|tally: TowardsViewer| tally.j), j);
+    let mut sums: Vec<f32> = wanted.cells.iter().map(|&cell| j[cell as usize]).collect();
+    add_rays(near, lights, settings, (&tally, &|tally: WantedTowardsViewer| tally.whole.j), &mut sums);
+    wanted.cells.iter().zip(sums).for_each(|(&cell, sum)| j[cell as usize] = sum);
 }
 
 /// Share of a ray's light, as the transport behind the rows counts it, that a picture's ray ends with.
@@ -180,8 +215,38 @@ pub fn add_direct_beam(
         }
         tally.j
     };
-    let add = |part: Vec<f32>| j.iter_mut().zip(part).for_each(|(sum, value)| *sum += value * share);
-    map_chunks(&rays, rays.len().div_ceil(BEAM_PIECES).max(1), piece, add);
+    let at_once = rays.len().div_ceil(BEAM_PIECES).max(1);
+    add_pieces((&rays, at_once), share, &piece, j);
+}
+
+/// [`add_direct_beam`] for pictures, as [`add_direct_near`] is [`add_direct`].
+///
+/// Panics when an array is not one grid long, or has not one way a wanted cell.
+pub(crate) fn add_direct_beam_near(
+    (cloud, extinction_scale, distances): (&Cloud, f64, &[u8]),
+    direction: DVec3,
+    (wanted, ways): (&WantedCells, &[[f32; 3]]),
+    j: &mut [f32],
+) {
+    let (cells, count) = (cloud.shape.len(), ways.len());
+    assert!(j.len() == cells && distances.len() == cells && wanted.cells.len() == count);
+    let phase = [PreparedHg::new(cloud.g), PreparedHg::new(cloud.g * cloud.g)];
+    let tracer = Tracer::new(cloud, extinction_scale);
+    let near = NearCloud { distances, around: 1, least: LEAST };
+    let mut rays = Vec::new();
+    tracer.rays(Light::Beam { direction, irradiance: 1.0 }, BEAM_SAMPLES, |ray| rays.push(ray));
+    let piece = |_: usize, rays: &[PowerRay]| -> Vec<f32> {
+        let mut tally = WantedTowardsViewer {
+            places: &wanted.places,
+            whole: TowardsViewer { j: vec![0.0; count], to_viewer: ways, phase, direction: [0.0; 3] },
+        };
+        rays.iter().for_each(|&ray| tracer.trace_near(ray, &near, &mut tally));
+        tally.whole.j
+    };
+    let mut sums: Vec<f32> = wanted.cells.iter().map(|&cell| j[cell as usize]).collect();
+    let at_once = rays.len().div_ceil(BEAM_PIECES).max(1);
+    add_pieces((&rays, at_once), 1.0 / cloud.cell_volume() as f32, &piece, &mut sums);
+    wanted.cells.iter().zip(sums).for_each(|(&cell, sum)| j[cell as usize] = sum);
 }
 
 /// Adds the fluence rate of direct light to `fluence`, W/m² per cell: of light never scattered and of light that the transport
@@ -248,12 +313,29 @@ fn add_rays_in<T: Tally>(
         }
         sums_of(tally)
     };
-    let add = |part: Vec<f32>| {
-        for (sum, value) in sums.iter_mut().zip(part) {
-            *sum += value * share;
-        }
-    };
-    map_chunks(lights, at_once, piece, add);
+    add_pieces((lights, at_once), share, &piece, sums);
+}
+
+/// Adds what `piece` sums of every `at_once` items, times `share`, to `sums`: one piece after the other, so that sums do not depend on the
+/// threads.
+fn add_pieces<X: Sync>(
+    (items, at_once): (&[X], usize),
+    share: f32,
+    piece: &(dyn Fn(usize, &[X]) -> Vec<f32> + Sync),
+    sums: &mut [f32],
+) {
+    let pieces = items.chunks(at_once).enumerate();
+    let mut pieces: Vec<_> = pieces.map(|(number, items)| (number, items, Vec::new())).collect();
+    for pieces in pieces.chunks_mut(if sums.len() < SHORT { 4 * AT_ONCE } else { AT_ONCE }) {
+        pieces.par_iter_mut().for_each(|(number, items, part)| *part = piece(*number, items));
+        sums.par_chunks_mut(SUMS_AT_ONCE).enumerate().for_each(|(chunk, sums)| {
+            for (_, _, part) in &*pieces {
+                let part = &part[chunk * SUMS_AT_ONCE..];
+                sums.iter_mut().zip(part).for_each(|(sum, value)| *sum += value * share);
+            }
+        });
+        pieces.iter_mut().for_each(|(_, _, part)| *part = Vec::new());
+    }
 }
 
 /// A rotation uniform over all rotations \[shoemake\].

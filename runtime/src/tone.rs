@@ -8,6 +8,7 @@ mod power;
 
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
+use crate::registers::in_registers;
 use bloom::Bloom;
 use power::power;
 
@@ -38,8 +39,10 @@ const MID_GREY: f32 = 0.18;
 const BRIGHTEST: f32 = 1e9;
 
 /// Zero for what is no number or negative, a large number for infinity.
+#[inline(always)]
 fn tame(value: f32) -> f32 {
-    if value > 0.0 { value.min(BRIGHTEST) } else { 0.0 }
+    let least = if value > 0.0 { value } else { 0.0 };
+    if least < BRIGHTEST { least } else { BRIGHTEST }
 }
 
 /// The sRGB transfer function: linear light in [0, 1] to a signal in [0, 1]. \[srgb\]
@@ -53,16 +56,16 @@ pub fn srgb_from_linear(linear: f32) -> f32 {
     }
 }
 
-/// [`srgb_from_linear`] for pixel after pixel, within 2·10⁻⁶.
+/// [`srgb_from_linear`] of a number from 0 for pixel after pixel, within 2·10⁻⁶, without branches.
+#[inline(always)]
 fn signal_of(linear: f32) -> f32 {
-    if linear >= 1.0 {
-        1.0
-    } else if linear <= 0.003_130_8 {
-        12.92 * linear.max(0.0)
-    } else {
-        1.055 * power(linear, 1.0 / 2.4) - 0.055
-    }
+    let curved = 1.055 * power(linear, 1.0 / 2.4) - 0.055;
+    let signal = if linear <= 0.003_130_8 { 12.92 * linear } else { curved };
+    if linear >= 1.0 { 1.0 } else { signal }
 }
+
+/// Pixels worked out side by side.
+const LANES: usize = 16;
 
 /// Inverse of [`srgb_from_linear`].
 pub fn linear_from_srgb(signal: f32) -> f32 {
@@ -103,21 +106,36 @@ impl Tone {
         power(MID_GREY, self.contrast) * (1.0 / MID_GREY - 1.0)
     }
 
+    #[inline(always)]
     fn curve_with(&self, grey: f32, radiance: [f32; 3]) -> [f32; 3] {
         let exposed = radiance.map(|value| tame(value * self.exposure));
-        let peak = exposed[0].max(exposed[1]).max(exposed[2]);
-        if peak <= 0.0 {
-            return [0.0; 3];
-        }
+        let larger = |a: f32, b: f32| if b > a { b } else { a };
+        let peak = larger(larger(exposed[0], exposed[1]), exposed[2]);
         // Naka and Rushton's response x^n / (x^n + c), with c such that mid-grey stays where it is.
-        let raised = power(peak, self.contrast);
+        let raised = power(larger(peak, f32::MIN_POSITIVE), self.contrast);
         let shown = raised / (raised + grey);
-        let toward_white = ((shown - self.shoulder) / (1.0 - self.shoulder)).clamp(0.0, 1.0);
+        let over = (shown - self.shoulder) / (1.0 - self.shoulder);
+        let over = larger(over, 0.0);
+        let toward_white = if over < 1.0 { over } else { 1.0 };
         let toward_white = toward_white * toward_white;
         exposed.map(|value| {
             let share = value / peak;
-            shown * (share + (1.0 - share) * toward_white)
+            let light = shown * (share + (1.0 - share) * toward_white);
+            if peak > 0.0 { light } else { 0.0 }
         })
+    }
+
+    /// Signals of pixels side by side, a row of each colour.
+    #[inline(always)]
+    fn signals(&self, grey: f32, light: &[[f32; LANES]; 3]) -> [[f32; LANES]; 3] {
+        let mut found = [[0.0; LANES]; 3];
+        for lane in 0..LANES {
+            let shown = self.curve_with(grey, [light[0][lane], light[1][lane], light[2][lane]]);
+            found[0][lane] = signal_of(shown[0]);
+            found[1][lane] = signal_of(shown[1]);
+            found[2][lane] = signal_of(shown[2]);
+        }
+        found
     }
 
     /// 8-bit sRGB pixels, row 0 = top.
@@ -138,19 +156,40 @@ impl Tone {
         top: f32,
         cast: impl Fn(f32) -> T + Sync,
     ) -> Vec<[T; 3]> {
-        let tamed = picture.pixels.iter().map(|pixel| pixel.map(tame)).collect();
-        let tamed = Picture { width: picture.width, height: picture.height, pixels: tamed };
-        let light = self.bloom.spread(&tamed).pixels;
         let (width, grey) = (picture.width, self.grey());
+        let mut tamed = picture.clone();
+        tamed.pixels.par_chunks_mut(width.max(1)).for_each(|row| {
+            row.as_flattened_mut().iter_mut().for_each(|value| *value = tame(*value));
+        });
+        let light = self.bloom.spread(&tamed).pixels;
         let mut shown = vec![[T::default(); 3]; light.len()];
         let row = |(y, (shown, light)): (usize, (&mut [[T; 3]], &[[f32; 3]]))| {
-            for (x, (shown, light)) in shown.iter_mut().zip(light).enumerate() {
-                let signal = self.curve_with(grey, *light).map(signal_of);
-                *shown = std::array::from_fn(|band| {
-                    // One offset a colour, so that the pattern is colour noise of half a step, not brightness.
-                    let offset = if self.dither { pattern(x, y, band) } else { 0.5 };
-                    cast((signal[band] * top + offset).min(top))
-                });
+            let mut signals = [[0.0; LANES]; 3];
+            for (number, (shown, light)) in shown.chunks_mut(LANES).zip(light.chunks(LANES)).enumerate() {
+                in_registers(
+                    #[inline(always)]
+                    || {
+                        let mut own = [[0.0; LANES]; 3];
+                        for (lane, light) in light.iter().enumerate() {
+                            own[0][lane] = light[0];
+                            own[1][lane] = light[1];
+                            own[2][lane] = light[2];
+                        }
+                        signals = self.signals(grey, &own);
+                        for (band, signals) in signals.iter_mut().enumerate() {
+                            for (lane, signal) in signals.iter_mut().enumerate() {
+                                // One offset a colour, so that the pattern is colour noise of half a step, not brightness.
+                                let offset =
+                                    if self.dither { pattern(number * LANES + lane, y, band) } else { 0.5 };
+                                let value = *signal * top + offset;
+                                *signal = if value < top { value } else { top };
+                            }
+                        }
+                    },
+                );
+                for (lane, shown) in shown.iter_mut().enumerate() {
+                    *shown = std::array::from_fn(|band| cast(signals[band][lane]));
+                }
             }
         };
         if width > 0 {
@@ -162,11 +201,14 @@ impl Tone {
 
 /// A number in [0, 1) per pixel and colour whose neighbours differ much (interleaved gradient noise): summed
 /// over any small block it covers the interval evenly. \[jimenez\]
+#[inline(always)]
 fn pattern(x: usize, y: usize, band: usize) -> f32 {
     let (x, y) = (x as f32 + 47.0 * band as f32, y as f32 + 17.0 * band as f32);
     let inner = 0.067_110_56 * x + 0.005_837_15 * y;
-    let outer = 52.982_918 * (inner - inner.floor());
-    outer - outer.floor()
+    // Of numbers from 0 the whole part is the floor, without a call.
+    let whole = |value: f32| value as i32 as f32;
+    let outer = 52.982_918 * (inner - whole(inner));
+    outer - whole(outer)
 }
 
 #[cfg(test)]

@@ -296,12 +296,15 @@ impl CloudLight {
         if self.direct.is_empty() {
             return;
         }
-        let ways = viewer.ways(cloud);
         match extent {
-            DirectExtent::Everywhere => add_direct(cloud, scale, &self.direct, &ways, settings, out),
+            DirectExtent::Everywhere => {
+                add_direct(cloud, scale, &self.direct, &viewer.ways(cloud), settings, out);
+            }
             DirectExtent::NearCloud => {
                 let near = (cloud, scale, self.relighter.cloud_distances());
-                add_direct_near(near, &self.direct, &ways, settings, out);
+                let seen = self.relighter.seen_by(viewer);
+                let cells = (self.relighter.near_cells(), seen.ways.as_slice());
+                add_direct_near(near, cells, &self.direct, settings, out);
             }
         }
     }
@@ -324,6 +327,10 @@ pub(super) fn check_fluence(basis: DirectionalBasis) -> Result<(), RuntimeError>
 pub(super) fn spread_towards(relighter: &Relighter, light: &InScattered<'_>, viewer: Viewer, j: &mut [f32]) {
     let towards = |middle: DVec3| viewer.direction_from(middle);
     if !relighter.is_coarse() {
+        let of_rows = light.live.is_empty() && light.direct.is_empty();
+        if of_rows && relighter.known_towards(&relighter.seen_by(viewer), light.rows.planes, j) {
+            return;
+        }
         return light.towards_known(relighter.cloud(), &relighter.known_light_cells(), towards, j);
     }
     let towards = |_: usize, middle: DVec3| viewer.direction_from(middle);

@@ -6,10 +6,10 @@
 //! one row.
 
 use super::light::spread_towards;
-use super::{Clouds, Viewer};
+use super::{Clouds, DirectExtent, Viewer};
 use crate::error::RuntimeError;
 use crate::in_scattered::InScattered;
-use crate::single_scatter::add_direct_beam;
+use crate::single_scatter::{add_direct_beam, add_direct_beam_near};
 use glam::DVec3;
 use squall_formats::section::response::{DistantKind, SUN_TOLERANCE_RAD};
 
@@ -43,11 +43,20 @@ impl Clouds {
         viewer: impl Into<Viewer>,
         out: &mut [f32],
     ) -> Result<SunSource, RuntimeError> {
+        self.sun_in(towards, (viewer.into(), DirectExtent::Everywhere), out)
+    }
+
+    /// [`Clouds::sun`] with direct light in a part of the cells.
+    pub(crate) fn sun_in(
+        &mut self,
+        towards: DVec3,
+        (viewer, extent): (Viewer, DirectExtent),
+        out: &mut [f32],
+    ) -> Result<SunSource, RuntimeError> {
         self.check_length(out.len())?;
         if !towards.is_normalized() {
             return Err(RuntimeError::argument("sun", "a unit vector towards it", towards));
         }
-        let viewer = viewer.into();
         viewer.check(&self.relighter)?;
         let source = self.scattered_sun(towards, viewer, out)?;
         if let SunSource::Baked | SunSource::Live = source {
@@ -55,7 +64,17 @@ impl Clouds {
             // Old beams have their direct light inside.
             if self.old_beam().is_none() || source == SunSource::Live {
                 let scale = self.relighter.extinction_scale();
-                add_direct_beam(cloud, scale, -towards, &viewer.ways(cloud), out);
+                match extent {
+                    DirectExtent::Everywhere => {
+                        add_direct_beam(cloud, scale, -towards, &viewer.ways(cloud), out);
+                    }
+                    DirectExtent::NearCloud => {
+                        let near = (cloud, scale, self.relighter.cloud_distances());
+                        let seen = self.relighter.seen_by(viewer);
+                        let cells = (self.relighter.near_cells(), seen.ways.as_slice());
+                        add_direct_beam_near(near, -towards, cells, out);
+                    }
+                }
             }
         }
         out.iter_mut().for_each(|value| *value = value.max(0.0));

@@ -238,12 +238,10 @@ mod tests {
             .collect();
         let viewer = Viewer::At(DVec3::new(30.0, -700.0, 2.0));
         let settings = DirectSettings { rays: DirectRays::PerStroke(1 << 14), seed: 3 };
-        let ways: Vec<[f32; 3]> = (0..cloud.shape.len())
-            .map(|cell| viewer.direction_from(cloud.centre(cloud.shape.cell(cell))).as_vec3().to_array())
-            .collect();
+        let seen = relighter.seen_by(viewer);
         let mut wanted = vec![0.0; cloud.shape.len()];
         let near = (cloud, relighter.extinction_scale(), relighter.cloud_distances());
-        add_direct_near(near, &lights, &ways, settings, &mut wanted);
+        add_direct_near(near, (relighter.near_cells(), &seen.ways), &lights, settings, &mut wanted);
         let uniform = gpu.uniform::<CloudUniform>("cloud");
         gpu.write(&uniform, &[CloudUniform::new(relighter, DVec3::ZERO).seen_by(cloud, viewer)]);
         let pass = DirectPass::new(&gpu, relighter, &uniform);

@@ -110,6 +110,9 @@ shaders! {
 }
 
 #[cfg(test)]
+mod counts;
+
+#[cfg(test)]
 pub(crate) mod tests {
     use super::*;
     use wgpu::naga;

@@ -13,7 +13,7 @@
 mod mapped;
 
 use super::{Medium, Outlook};
-use crate::camera::{Camera, Projection, Ray};
+use crate::camera::{Camera, Lens, Projection, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
 use crate::parallel::prelude::*;
@@ -89,6 +89,7 @@ impl Medium {
 struct BandMedium<'a, V> {
     medium: &'a Medium,
     camera: &'a Camera,
+    lens: Lens<'a>,
     volume: &'a V,
     light: &'a InScattering,
     depth: Option<&'a DepthBuffer<'a>>,
@@ -127,6 +128,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         Self {
             medium,
             camera,
+            lens: Lens::new(camera),
             volume: &outlook.volume,
             light: outlook.light,
             depth: outlook.depth.as_ref(),
@@ -335,9 +337,18 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         let ahead = (self.camera.forward - self.camera.up * down).as_vec3();
         let right = self.camera.right.as_vec3();
         let count = LANES.min(self.camera.width as usize - x);
-        let is_dry =
-            |i: usize| self.volume.is_dry_before((ahead + right * tangents[i]) / secants[i], range[i]);
-        (0..count).filter(|&i| is_dry(i)).fold(0, |bits, i| bits | 1 << i)
+        let way = |i: usize| (ahead + right * tangents[i]) / secants[i];
+        let mut bits = 0;
+        for first in (0..count).step_by(FLAT) {
+            let last = (first + FLAT).min(count) - 1;
+            let farthest = range[first..=last].iter().copied().fold(0.0, f32::max);
+            // Most blocks of pixels are in the open.
+            if self.volume.may_be_dry([way(first), way(last)], farthest) {
+                let is_dry = |i: &usize| self.volume.is_dry_before(way(*i), range[*i]);
+                bits = (first..=last).filter(is_dry).fold(bits, |bits, i| bits | 1 << i);
+            }
+        }
+        bits
     }
 
     /// The same of any pixel.
@@ -360,7 +371,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
     }
 
     fn ray(&self, x: usize, y: usize) -> Ray {
-        self.camera.ray_with(&self.camera.secants(), x as f64 + 0.5, y as f64 + 0.5)
+        self.lens.ray(x as f64 + 0.5, y as f64 + 0.5)
     }
 
     #[inline(always)]

@@ -13,6 +13,10 @@ const CELL_M: f64 = 2.0;
 const CELLS: usize = 16;
 const TILES: usize = 16;
 const TILE_M: f64 = CELL_M * CELLS as f64;
+/// Squares along the edge of a block of them, and blocks along a tile's edge.
+const BLOCK: usize = 4;
+const BLOCKS: usize = CELLS / BLOCK;
+const BLOCK_M: f64 = CELL_M * BLOCK as f64;
 /// Heights from the eye between which covers that do not say how high they are are looked for, m.
 const HEIGHTS_M: [f64; 2] = [-100.0, 2000.0];
 
@@ -20,6 +24,8 @@ const HEIGHTS_M: [f64; 2] = [-100.0, 2000.0];
 struct Tile {
     /// Height below which it is dry, m, x fastest.
     lids: Vec<f64>,
+    /// The highest of each block's.
+    blocks: [f64; BLOCKS * BLOCKS],
     highest: f64,
 }
 
@@ -91,8 +97,13 @@ impl<'a> DryAir<'a> {
                 self.covers.lid((corner + place * CELL_M).extend(0.0), *fall, *heights)
             };
             let lids: Vec<f64> = (0..CELLS * CELLS).map(lid).collect();
-            let highest = lids.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            Tile { lids, highest }
+            let mut blocks = [f64::NEG_INFINITY; BLOCKS * BLOCKS];
+            for (cell, &lid) in lids.iter().enumerate() {
+                let block = &mut blocks[cell / CELLS / BLOCK * BLOCKS + cell % CELLS / BLOCK];
+                *block = block.max(lid);
+            }
+            let highest = blocks.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            Tile { lids, blocks, highest }
         })
     }
 
@@ -107,26 +118,34 @@ impl<'a> DryAir<'a> {
         let start = from.truncate() - self.lean * from.z - self.tiles.low;
         let way = direction.truncate() - self.lean * direction.z;
         let mut open: Option<[f64; 2]> = None;
+        let lower_end = |a: f64, b: f64| (from.z + direction.z * a).min(from.z + direction.z * b);
         walk((start, way), (TILE_M, TILES), ends, &mut |[x, y], a, b| {
             let tile = self.tile(y * TILES + x);
-            if (from.z + direction.z * a).min(from.z + direction.z * b) >= tile.highest {
+            if lower_end(a, b) >= tile.highest {
                 return;
             }
-            let corner = DVec2::new(x as f64, y as f64) * TILE_M;
-            walk((start - corner, way), (CELL_M, CELLS), [a, b], &mut |[x, y], a, b| {
-                let mut own = [a, b];
-                clip_below(&mut own, (from.z, direction.z), tile.lids[y * CELLS + x]);
-                if own[0] >= own[1] {
+            let start = start - DVec2::new(x as f64, y as f64) * TILE_M;
+            walk((start, way), (BLOCK_M, BLOCKS), [a, b], &mut |[block_x, block_y], a, b| {
+                if lower_end(a, b) >= tile.blocks[block_y * BLOCKS + block_x] {
                     return;
                 }
-                match &mut open {
-                    Some(open) if own[0] <= open[1] + 1e-6 => open[1] = own[1],
-                    found => {
-                        if let Some([a, b]) = found.replace(own) {
-                            dry(a, b);
+                let start = start - DVec2::new(block_x as f64, block_y as f64) * BLOCK_M;
+                walk((start, way), (CELL_M, BLOCK), [a, b], &mut |[x, y], a, b| {
+                    let mut own = [a, b];
+                    let lid = tile.lids[(block_y * BLOCK + y) * CELLS + block_x * BLOCK + x];
+                    clip_below(&mut own, (from.z, direction.z), lid);
+                    if own[0] >= own[1] {
+                        return;
+                    }
+                    match &mut open {
+                        Some(open) if own[0] <= open[1] + 1e-6 => open[1] = own[1],
+                        found => {
+                            if let Some([a, b]) = found.replace(own) {
+                                dry(a, b);
+                            }
                         }
                     }
-                }
+                });
             });
         });
         if let Some([a, b]) = open {

@@ -159,6 +159,14 @@ impl<'a> RainFan<'a> {
             return 0.0;
         }
         let tops = [map.top(), self.field.volume.ceiling];
+        // Beyond its last node there is no map; a weight needs a place.
+        let end = to.min(self.distance(self.nodes - 1) / over.speed);
+        // Below every top nothing is weighted.
+        let highest = ray.origin.z.max(ray.origin.z + ray.direction.z * end);
+        if tops.iter().flatten().all(|top| highest <= top.height.0) {
+            let sum = self.sum(over, end.max(from)) - self.sum(over, from);
+            return sum.max(0.0) / (over.speed * reference);
+        }
         let mut cuts = [f64::INFINITY; 4];
         for (k, top) in tops.into_iter().enumerate() {
             let Some(top) = top else { continue };
@@ -171,8 +179,6 @@ impl<'a> RainFan<'a> {
             let density = |ceiling| RainVolume { ceiling, region: None }.density(point);
             density(tops[0]) * density(tops[1])
         };
-        // Beyond its last node there is no map; a weight needs a place.
-        let end = to.min(self.distance(self.nodes - 1) / over.speed);
         let (mut sum, mut here, mut before) = (0.0, from, self.sum(over, from));
         while here < end {
             let next = cuts.iter().copied().filter(|cut| *cut > here).fold(end, f64::min);

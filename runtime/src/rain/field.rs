@@ -4,7 +4,7 @@
 mod upload;
 
 use super::map::RainMap;
-use super::volume::RainVolume;
+use super::volume::{Ceiling, RainVolume};
 use crate::camera::Ray;
 use glam::{DVec2, DVec3, Vec3};
 use squall_formats::drops::SLOPE_POWER;
@@ -48,6 +48,10 @@ pub trait RainPath: Sync {
     fn is_dry_before(&self, _direction: Vec3, _metres: f32) -> bool {
         false
     }
+    /// Whether [`RainPath::is_dry_before`] may say so of any ray between two unit directions some pixels apart.
+    fn may_be_dry(&self, _ends: [Vec3; 2], _metres: f32) -> bool {
+        true
+    }
 }
 
 impl<V: RainPath + ?Sized> RainPath for &V {
@@ -89,6 +93,10 @@ impl<V: RainPath + ?Sized> RainPath for &V {
 
     fn is_dry_before(&self, direction: Vec3, metres: f32) -> bool {
         V::is_dry_before(self, direction, metres)
+    }
+
+    fn may_be_dry(&self, ends: [Vec3; 2], metres: f32) -> bool {
+        V::may_be_dry(self, ends, metres)
     }
 }
 
@@ -163,6 +171,21 @@ impl<'a> RainField<'a> {
         } else {
             MillimetresPerHour(heaviest.0 * libm::pow(share, -1.0 / (3.0 * SLOPE_POWER)))
         }
+    }
+
+    /// [`RainPath::path`] of a way over a map that is no longer than half of its cell and below every top, by the rain over its middle: between
+    /// two cells rain changes evenly. None of other ways.
+    pub(crate) fn short_path(&self, from: DVec3, direction: DVec3, metres: f64) -> Option<f64> {
+        let PlacedMap { map, drift, reference } = self.map?;
+        let highest = from.z.max(from.z + direction.z * metres);
+        let is_below = |top: Option<Ceiling>| top.is_none_or(|top| highest <= top.height.0);
+        let is_plain = metres <= 0.5 * map.cell()
+            && self.volume.region.is_none()
+            && is_below(map.top())
+            && is_below(self.volume.ceiling)
+            && self.farthest.is_none_or(|farthest| metres <= farthest.0);
+        let middle = from.truncate() + direction.truncate() * (0.5 * metres) - drift;
+        is_plain.then(|| metres * map.share(middle) / reference)
     }
 
     /// At a point: share of drops that the bounds let fall, and what Λ of the heaviest rain is multiplied by; nothing where

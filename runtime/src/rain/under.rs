@@ -218,44 +218,77 @@ impl<'a> Relief<'a> {
         spokes.iter().any(|spoke| slope < spoke.open_from[last])
     }
 
-    /// Dry stretches of a ray of the eye up to a distance, by each of the two spokes beside it.
-    fn dry(&self, direction: DVec3, metres: f64) -> [(f64, Stretches); 2] {
+    /// Dry stretches of a ray of the eye up to a distance, by each of the two spokes beside it, with its share.
+    fn dry(&self, direction: DVec3, metres: f64, found: &mut [(f64, Stretches); 2]) {
         let way = self.level(direction);
         let speed = way.length().max(1e-12);
         let (spokes, share) = self.beside(way);
         let last = node_of(metres * speed);
-        [(1.0 - share, spokes[0]), (share, spokes[1])].map(|(share, spoke)| {
-            let mut dry = Stretches { ends: [[0.0; 2]; STRETCHES], count: 0 };
-            for (node, height) in spoke.heights[..=last].iter().enumerate() {
-                let height = f64::from(*height);
-                if height == f64::NEG_INFINITY {
-                    continue;
-                }
-                let begin = begin_of(node) / speed;
-                let end = if node + 1 < NODES { begin_of(node + 1) / speed } else { f64::INFINITY };
-                // Where the ray is as high as the relief.
-                let cut = if direction.z == 0.0 { f64::NAN } else { height / direction.z };
-                let own = if direction.z > 0.0 {
-                    [begin, end.min(cut)]
-                } else if direction.z < 0.0 {
-                    [begin.max(cut), end]
-                } else if height > 0.0 {
-                    [begin, end]
-                } else {
-                    continue;
-                };
-                // What a ray ends on stands in the last stretch, and has itself for a cover.
-                let goes_on = dry.count > 0 && dry.ends[dry.count - 1][1] >= begin;
-                if own[0] < own[1] && (node < last || node == 0 || goes_on) {
-                    dry.add(own);
-                }
-            }
-            (share, dry)
-        })
+        for (own, spoke) in spokes.iter().enumerate() {
+            let (weight, dry) = &mut found[own];
+            *weight = if own == 0 { 1.0 - share } else { share };
+            dry.fill(spoke, (direction.z, speed), last);
+        }
+    }
+
+    /// Whether anything may be dry on rays of the eye between two that are some pixels apart, before they end after `metres`.
+    fn may_be_dry(&self, ends: [DVec3; 2], metres: f64) -> bool {
+        /// More than a ray between two others may be steeper or longer over the ground than both: a share, and metres a metre.
+        const SLACK: f64 = 0.01;
+        /// More spokes than stand between pixels of a block.
+        const MOST: usize = 16;
+        let ways = [self.level(ends[0]), self.level(ends[1])];
+        let speeds = [ways[0].length(), ways[1].length()];
+        let slope = |end: usize| ends[end].z / speeds[end].max(1e-12);
+        let (low, high) = (slope(0).min(slope(1)), slope(0).max(slope(1)));
+        let slope = low - SLACK * (high - low) - 1e-6 * (1.0 + low.abs());
+        let last = node_of(metres * speeds[0].max(speeds[1]) * (1.0 + SLACK)).saturating_sub(1);
+        let count = self.spokes.len();
+        let place = |way: DVec2| {
+            let turn = if way == DVec2::ZERO { 0.0 } else { turn_of(way) };
+            (turn * 0.25 * count as f64) as usize % count
+        };
+        let (a, b) = (place(ways[0]), place(ways[1]));
+        // The shorter way around, and the spoke beyond.
+        let forth = (b + count - a) % count;
+        let (first, steps) = if forth <= count / 2 { (a, forth) } else { (b, count - forth) };
+        let is_below = |step: usize| slope < f64::from(self.spoke((first + step) % count).open_from[last]);
+        steps > MOST || (0..=steps + 1).any(is_below)
     }
 }
 
 impl Stretches {
+    const NONE: Self = Self { ends: [[0.0; 2]; STRETCHES], count: 0 };
+
+    /// What of a ray that climbs and goes so much a metre is below a spoke's relief, up to node `last`.
+    fn fill(&mut self, spoke: &Spoke, (climb, speed): (f64, f64), last: usize) {
+        self.count = 0;
+        for (node, height) in spoke.heights[..=last].iter().enumerate() {
+            let height = f64::from(*height);
+            if height == f64::NEG_INFINITY {
+                continue;
+            }
+            let begin = begin_of(node) / speed;
+            let end = if node + 1 < NODES { begin_of(node + 1) / speed } else { f64::INFINITY };
+            // Where the ray is as high as the relief.
+            let cut = if climb == 0.0 { f64::NAN } else { height / climb };
+            let own = if climb > 0.0 {
+                [begin, end.min(cut)]
+            } else if climb < 0.0 {
+                [begin.max(cut), end]
+            } else if height > 0.0 {
+                [begin, end]
+            } else {
+                continue;
+            };
+            // What a ray ends on stands in the last stretch, and has itself for a cover.
+            let goes_on = self.count > 0 && self.ends[self.count - 1][1] >= begin;
+            if own[0] < own[1] && (node < last || node == 0 || goes_on) {
+                self.add(own);
+            }
+        }
+    }
+
     fn add(&mut self, [begin, end]: [f64; 2]) {
         match self.ends[..self.count].last_mut() {
             Some(before) if begin <= before[1] => before[1] = before[1].max(end),
@@ -303,6 +336,11 @@ impl<V: RainPath> RainPath for CoveredRain<'_, V> {
         self.relief.as_ref().is_some_and(look)
     }
 
+    fn may_be_dry(&self, ends: [Vec3; 2], metres: f32) -> bool {
+        let look = |relief: &Relief| relief.may_be_dry(ends.map(|end| end.as_dvec3()), f64::from(metres));
+        self.relief.as_ref().is_some_and(look)
+    }
+
     fn path(&self, ray: &Ray, from: f64, to: f64) -> f64 {
         self.weighted(ray, &mut std::iter::once([1.0, from, to]))
     }
@@ -311,16 +349,17 @@ impl<V: RainPath> RainPath for CoveredRain<'_, V> {
         let Some(relief) = self.relief.as_ref().filter(|relief| relief.eye == ray.origin) else {
             return self.rain.weighted(ray, pieces);
         };
-        let mut dry = None;
+        let mut dry = [(0.0, Stretches::NONE), (0.0, Stretches::NONE)];
+        let mut known = f64::NEG_INFINITY;
         let mut sum = 0.0;
         for [factor, from, to] in pieces {
             // Pieces end no later than the ray: the first that ends farthest finds all dry stretches.
-            let known = match &mut dry {
-                Some((known, stretches)) if *known >= to => &*stretches,
-                found => &found.insert((to, relief.dry(ray.direction, to))).1,
-            };
+            if known < to {
+                relief.dry(ray.direction, to, &mut dry);
+                known = to;
+            }
             if from < to {
-                sum += factor * self.mixed(known, [from, to], ray);
+                sum += factor * self.mixed(&dry, [from, to], ray);
             }
         }
         sum

@@ -7,7 +7,7 @@ mod spots;
 pub use spots::spots;
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
-use crate::camera::{Camera, Projection};
+use crate::camera::{Camera, Lens, Projection};
 use crate::math::exp_neg;
 use crate::picture::Picture;
 use crate::shade::sky::Sky;
@@ -149,7 +149,8 @@ impl Channels<'_> {
     pub fn draw(&self, left: &dyn Fn(DVec3) -> f32, picture: &mut Picture) {
         let Self { camera, sky, cloud, town, before, .. } = *self;
         let Projection::Perspective { .. } = camera.projection else { return };
-        let per_metre = camera.pixels_per_metre();
+        let lens = Lens::new(camera);
+        let per_metre = lens.pixels_per_metre;
         for flash in self.flashes {
             for segment in &flash.stroke.segments {
                 let middle = 0.5 * (segment.from + segment.to);
@@ -170,7 +171,7 @@ impl Channels<'_> {
                 let light: [f32; 3] = std::array::from_fn(|band| light[band] * air[band] * scale);
                 for i in 0..count as usize {
                     let point = segment.from.lerp(segment.to, (i as f64 + 0.5) / count);
-                    let Some(place) = camera.project(point) else { continue };
+                    let Some(place) = lens.project(point) else { continue };
                     let eye = camera.position.as_vec3();
                     if before.is_some_and(|before| before.hides(camera, point)) {
                         continue;

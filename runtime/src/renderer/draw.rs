@@ -15,7 +15,7 @@ use super::shafts::Shafts;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
-use crate::camera::{Camera, Ray};
+use crate::camera::{Camera, Lens, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
 use crate::medium::Phase;
@@ -26,7 +26,7 @@ use crate::shade::adaptive::{self, Spacing};
 use crate::shade::cloud::{CloudPicture, CloudView};
 use crate::shade::detail::Detail;
 use crate::shade::environment::{Environment, EnvironmentWindow};
-use crate::shade::sky::Sky;
+use crate::shade::sky::{AirBetween, Sky};
 use crate::shade::town::frame::TownFrame;
 use crate::shade::town::light::{Lighting, StrokeLights};
 use crate::shade::town::line::Images;
@@ -48,8 +48,8 @@ const FARTHEST_GROUND_M: f32 = 4e4;
 
 /// Radiance of sky and cloud along a ray, W/(m² sr).
 pub(super) type Beyond<'a> = dyn Fn(&Ray) -> [f32; 3] + Sync + 'a;
-/// Mean radiance of the sun's disc over pixel (x, y) with this ray, W/(m² sr).
-type Disc<'a> = dyn Fn(usize, usize, &Ray) -> [f32; 3] + Sync + 'a;
+/// Mean radiance of the sun's disc over pixel (x, y), W/(m² sr).
+type Disc<'a> = dyn Fn(usize, usize, &Lens<'_>) -> [f32; 3] + Sync + 'a;
 
 impl Scene {
     /// Draws `frame`, which was checked, into `memory.picture`.
@@ -92,15 +92,20 @@ impl Scene {
         let clouds = Clouds { scene: self, frame, detail };
         let cloud = clouds.marched(&memory.cells);
         let eye = camera.position;
+        let air = sky.air_between(eye_height(eye), CLOUD_M);
         let beyond = |ray: &Ray| {
-            let mut light = sky.radiance(ray.direction.as_vec3());
-            if let Some(cloud) = &cloud {
-                cover(&mut light, cloud.march(ray), (sky, eye));
+            let view = cloud.as_ref().map(|cloud| cloud.march(ray));
+            // Nobody sees the sky behind a cloud that lets nothing through.
+            let is_open = view.is_none_or(|view| view.transmittance > 0.0);
+            let mut light = if is_open { sky.radiance(ray.direction.as_vec3()) } else { [0.0; 3] };
+            if let Some(view) = view {
+                cover(&mut light, view, &air);
             }
             light
         };
-        let seen_for = (&frame.sky, &frame.detail, eye, memory.cells.as_slice());
-        let look = || world::seen((sky, cloud.as_ref()), eye, &beyond);
+        let closely = (eye, world::spacing_of(frame.quality.sky));
+        let seen_for = (&frame.sky, &frame.detail, closely, memory.cells.as_slice());
+        let look = || world::seen((sky, cloud.as_ref()), closely, &beyond);
         // Only rain and a town's mirrors ask what is all around.
         let is_wet = frame.weather.rate.0 > 0.0;
         let mut surrounding = (is_wet || self.town.is_some())
@@ -132,7 +137,13 @@ impl Scene {
             );
         }
         watch.lap(&mut report.times.town);
-        let disc = |x: usize, y: usize, ray: &Ray| disc_behind((sky, cloud.as_ref()), camera, [x, y], ray);
+        let disc_reach = sky.disc_reach(&Lens::new(camera));
+        let disc = |x: usize, y: usize, lens: &Lens<'_>| {
+            let Some(reach) = disc_reach else { return [0.0; 3] };
+            let ray = lens.ray(x as f64 + 0.5, y as f64 + 0.5);
+            let is_near = ray.direction.distance_squared(sky.sun_way()) <= reach;
+            if is_near { disc_behind((sky, cloud.as_ref()), camera, [x, y], &ray) } else { [0.0; 3] }
+        };
         self.compose(
             (camera, frame.quality.sky),
             sky,
@@ -200,7 +211,8 @@ impl Scene {
             half_width: Radians(MIRROR_HALF_WIDTH),
             bottom: Radians(0.0),
             top: Radians(MIRROR_TOP),
-            size: MIRROR_SIZE,
+            // Half as fine for nodes that stand twice as far apart and more.
+            size: MIRROR_SIZE.map(|count| count * 2 / (frame.quality.town.spacing as usize).clamp(2, 4)),
         };
         let from_eye = |direction: Vec3| Ray { origin: eye, direction: direction.as_dvec3() };
         let mirror =
@@ -342,13 +354,14 @@ impl Scene {
         let (width, has_town) = (picture.width, self.town.is_some());
         let cover = |x: usize, y: usize| if has_town { town.pixels[y * width + x].cover } else { 0.0 };
         let size = [picture.width, picture.height];
-        let behind = |x: usize, y: usize| beyond(&camera.ray(x as f64 + 0.5, y as f64 + 0.5));
+        let (lens, air) = (Lens::new(camera), sky.air_between(eye_height(camera.position), TOWN_M));
+        let behind = |x: usize, y: usize| beyond(&lens.ray(x as f64 + 0.5, y as f64 + 0.5));
         adaptive::fill(size, spacing, (&behind, &|x, y| cover(x, y) < 1.0), &mut picture.pixels);
         let row = |(y, row): (usize, &mut [[f32; 3]])| {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let cover = cover(x, y);
                 if cover < 1.0 {
-                    let disc = disc(x, y, &camera.ray(x as f64 + 0.5, y as f64 + 0.5));
+                    let disc = disc(x, y, &lens);
                     (0..3).for_each(|band| pixel[band] = (pixel[band] + disc[band]) * (1.0 - cover));
                 } else {
                     *pixel = [0.0; 3];
@@ -357,8 +370,11 @@ impl Scene {
                     continue;
                 }
                 let seen = &town.pixels[y * width + x];
+                if seen.cover == 0.0 {
+                    continue;
+                }
                 let distance = f64::from(seen.distance.min(FARTHEST_GROUND_M));
-                let air = sky.air_view(eye_height(camera.position), TOWN_M, distance);
+                let air = air.view(distance);
                 for band in 0..3 {
                     pixel[band] += seen.radiance[band] * air.transmittance[band] + air.added[band] * cover;
                 }
@@ -403,11 +419,11 @@ pub(super) fn cloud_air(sky: &Sky, eye: DVec3, distance: f64) -> [f32; 3] {
 }
 
 /// Composites a cloud over the sky behind it, through the clear air in front of it.
-pub(super) fn cover(light: &mut [f32; 3], cloud: CloudView, (sky, eye): (&Sky, DVec3)) {
+pub(super) fn cover(light: &mut [f32; 3], cloud: CloudView, air: &AirBetween) {
     if cloud.transmittance == 1.0 {
         return;
     }
-    let air = sky.air_view(eye_height(eye), CLOUD_M, f64::from(cloud.distance));
+    let air = air.view(f64::from(cloud.distance));
     for band in 0..3 {
         light[band] = light[band] * cloud.transmittance
             + cloud.radiance[band] * air.transmittance[band]

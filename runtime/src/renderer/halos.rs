@@ -15,7 +15,7 @@ mod tiles;
 mod upload;
 
 use super::lit_stroke::LitStroke;
-use crate::airlight::{Airlight, PointBeside};
+use crate::airlight::{Airlight, LitPieces, PointBeside};
 use crate::camera::{Camera, Ray};
 use crate::frame::FrameQuality;
 use crate::medium::{Medium, Phase};
@@ -213,13 +213,33 @@ impl<'a> Halos<'a> {
         end: f64,
         pixel: [f32; 3],
     ) -> [f32; 3] {
+        let mut sum = [[0.0; 3]];
+        self.add_radiance(lights, ray, (&[end], end), pixel, &mut sum);
+        sum[0]
+    }
+
+    /// Adds radiance on a ray that ends at each of some distances, m, to as many sums. Where walls stand before lights is looked for once, on the
+    /// ray that ends `farthest`.
+    fn add_radiance(
+        &self,
+        lights: impl Iterator<Item = usize>,
+        ray: &Ray,
+        (ends, farthest): (&[f64], f64),
+        pixel: [f32; 3],
+        sums: &mut [[f32; 3]],
+    ) {
         let least = f64::from(self.fineness.least * (pixel[0] + pixel[1] + pixel[2]));
         // Where something keeps rain off before the ray's end.
-        let dry = self.covered.filter(|covered| covered.is_dry_before(ray.direction.as_vec3(), end as f32));
+        let is_dry =
+            |covered: &&dyn RainPath| covered.is_dry_before(ray.direction.as_vec3(), farthest as f32);
+        let dry = self.covered.filter(is_dry);
         let is_partial = self.walls.is_some() || dry.is_some();
-        let end = if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
+        let rained_on =
+            |end: f64| if self.field.is_everywhere() { end } else { self.field.path(ray, 0.0, end) };
+        let mut paths = [0.0; tiles::MOST_DEPTHS];
+        paths.iter_mut().zip(ends).for_each(|(path, &end)| *path = rained_on(end));
+        let (paths, farthest) = (&paths[..ends.len()], rained_on(farthest));
         let Spreading { once, more, .. } = self.tables;
-        let mut sum = [0.0f32; 3];
         for number in lights {
             let Halo { shape, intensity, extinction, .. } = &self.lights[number];
             let (middle, radius) = match shape {
@@ -227,47 +247,62 @@ impl<'a> Halos<'a> {
                 Shape::Line(ends) => (0.5 * (ends[0] + ends[1]), 0.5 * ends[0].distance(ends[1])),
                 Shape::Ball(place, radius) => (*place, *radius),
             };
-            let beside = PointBeside::new(middle, ray.origin, ray.direction, end, radius);
-            let bounds = self.bounds(number, &beside, radius, least);
-            let mut add = |share: [f64; 3]| {
-                (0..3).for_each(|band| sum[band] += intensity[band] * share[band] as f32);
-            };
-            // Light that is scattered more than once goes the same ways to begin with, and loses the same share.
-            let mut open = 1.0;
-            if bounds[0] > 0.0 || (bounds[1] > 0.0 && is_partial) {
-                match shape {
-                    Shape::Lamp(_, number) => {
-                        let whole = once.of_point(*extinction, &beside);
-                        let reaches = |along: f64| {
-                            let place = ray.origin + ray.direction * along;
-                            if dry.is_some_and(|covered| !covered.is_reached(place)) {
-                                return 0.0;
-                            }
-                            self.walls
-                                .map_or(1.0, |town| f64::from(town.lamp_reaches(*number, place.as_vec3())))
-                        };
-                        let seen = match is_partial {
-                            true => {
-                                let pieces = self.fineness.pieces;
-                                once.of_point_past(*extinction, &beside, whole, (&reaches, pieces))
-                            }
-                            false => whole,
-                        };
-                        let [total, left] = [whole, seen].map(|light| light[0] + light[1] + light[2]);
-                        open = if total > 0.0 { left / total } else { 1.0 };
-                        add(seen);
+            let longest = PointBeside::new(middle, ray.origin, ray.direction, farthest, radius);
+            let mut lit = None;
+            for (&end, sum) in paths.iter().zip(&mut *sums) {
+                let beside = PointBeside { end, ..longest };
+                let bounds = self.bounds(number, &beside, radius, least);
+                let mut add = |share: [f64; 3]| {
+                    (0..3).for_each(|band| sum[band] += intensity[band] * share[band] as f32);
+                };
+                // Light that is scattered more than once goes the same ways to begin with, and loses the same share.
+                let mut open = 1.0;
+                if bounds[0] > 0.0 || (bounds[1] > 0.0 && is_partial) {
+                    match shape {
+                        Shape::Lamp(_, number) => {
+                            let whole = once.of_point(*extinction, &beside);
+                            let is_seen = is_partial && whole.iter().any(|band| *band > 0.0);
+                            let seen = match is_seen {
+                                true => {
+                                    let lit = lit
+                                        .get_or_insert_with(|| self.lit_pieces(*number, ray, &longest, dry));
+                                    once.of_point_past(*extinction, &beside, whole, lit)
+                                }
+                                false => whole,
+                            };
+                            let [total, left] = [whole, seen].map(|light| light[0] + light[1] + light[2]);
+                            open = if total > 0.0 { left / total } else { 1.0 };
+                            add(seen);
+                        }
+                        Shape::Line(ends) => {
+                            add(once.of_line(*extinction, *ends, ray.origin, ray.direction, end));
+                        }
+                        Shape::Ball(..) => {}
                     }
-                    Shape::Line(ends) => {
-                        add(once.of_line(*extinction, *ends, ray.origin, ray.direction, end));
-                    }
-                    Shape::Ball(..) => {}
+                }
+                if bounds[1] > 0.0 {
+                    add(more.of_point(*extinction, &beside).map(|share| share * open));
                 }
             }
-            if bounds[1] > 0.0 {
-                add(more.of_point(*extinction, &beside).map(|share| share * open));
-            }
         }
-        sum
+    }
+
+    /// Pieces of a ray that lamp `number` lights, past walls and where it rains.
+    fn lit_pieces(
+        &self,
+        number: usize,
+        ray: &Ray,
+        beside: &PointBeside,
+        dry: Option<&dyn RainPath>,
+    ) -> LitPieces {
+        let reaches = |along: f64| {
+            let place = ray.origin + ray.direction * along;
+            if dry.is_some_and(|covered| !covered.is_reached(place)) {
+                return 0.0;
+            }
+            self.walls.map_or(1.0, |town| f64::from(town.lamp_reaches(number, place.as_vec3())))
+        };
+        LitPieces::of(beside, (&reaches, self.fineness.pieces))
     }
 
     /// Bounds on what a light adds that is scattered once, and more often; 0 of what stays below `least`.

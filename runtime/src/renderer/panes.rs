@@ -5,7 +5,7 @@ use super::draw::TOWN_M;
 use super::foreground::Pixels;
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::town_rain::TownRain;
-use crate::camera::{Camera, Projection};
+use crate::camera::{Camera, Lens, Projection};
 use crate::picture::Picture;
 use crate::shade::sky::Sky;
 use crate::shade::town::Town;
@@ -112,7 +112,8 @@ impl PaneLights<'_> {
         left: &dyn Fn(DVec3) -> f32,
         picture: &mut Picture,
     ) {
-        let (camera, per_metre) = (self.camera, self.camera.pixels_per_metre());
+        let (camera, lens) = (self.camera, Lens::new(self.camera));
+        let per_metre = lens.pixels_per_metre;
         let eye = camera.position;
         for Part { flash, segments, centre, radius } in parts {
             if !wall.may_show(eye, *centre, *radius) {
@@ -133,7 +134,7 @@ impl PaneLights<'_> {
                 for i in 0..count as usize {
                     let point = segment.from.lerp(segment.to, (i as f64 + 0.5) / count);
                     let Some(image) = view.image(wall, point, 0.0) else { continue };
-                    let Some(place) = camera.project(image.behind) else { continue };
+                    let Some(place) = lens.project(image.behind) else { continue };
                     if self.is_hidden(&image) {
                         continue;
                     }

@@ -317,8 +317,9 @@ pub fn medium<'a>(
         let medium = task.frame.medium.medium(task.section, &shot_of(task.frame), rate)?;
         let fall = fall_of(task.section, (task.frame, &standing))?;
         let covers = covers_of(task.town, &task.frame.place);
-        let covered = CoveredRain::new(RainFan::new(standing, camera), covers, fall, camera);
-        let mut halos = Halos::new(&spreading, &medium, &standing)
+        let fan = RainFan::new(standing, camera);
+        let covered = CoveredRain::new(&fan, covers, fall, camera);
+        let mut halos = Halos::new(&spreading, &medium, &fan)
             .with_walls(task.town)
             .with_spacing(task.frame.quality.halos)
             .under(&covered)

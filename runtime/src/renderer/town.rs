@@ -5,6 +5,7 @@ use super::lit_stroke::LitStroke;
 use crate::camera::Camera;
 use crate::frame::Frame;
 use crate::medium::MediumChoice;
+use crate::parallel::prelude::*;
 use crate::rain::{RainPlace, RainVolume};
 use crate::shade::sky::SkyParameters;
 use crate::shade::town::Town;
@@ -96,9 +97,13 @@ impl Kept {
             let Some(picture) = self.strokes.iter().find(|(known, _)| same(known, &flash.stroke)) else {
                 continue;
             };
-            for (pixel, light) in self.frame.pixels.iter_mut().zip(&picture.1) {
-                (0..3).for_each(|band| pixel.radiance[band] += flash.scale[band] * light[band]);
-            }
+            let width = self.frame.width.max(1);
+            let rows = self.frame.pixels.par_chunks_mut(width).zip(picture.1.par_chunks(width));
+            rows.for_each(|(pixels, light)| {
+                for (pixel, light) in pixels.iter_mut().zip(light) {
+                    (0..3).for_each(|band| pixel.radiance[band] += flash.scale[band] * light[band]);
+                }
+            });
         }
         let bytes = |(_, picture): &(Arc<Stroke>, Vec<[f32; 3]>)| size_of_val(picture.as_slice());
         while self.strokes.iter().map(bytes).sum::<usize>() > MOST_BYTES {

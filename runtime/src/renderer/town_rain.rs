@@ -63,7 +63,10 @@ impl<'a> TownRain<'a> {
     fn kept_off(&self, from: DVec3, direction: DVec3, metres: f64) -> f64 {
         let (Some(dry), ray) = (self.dry, Ray { origin: from, direction }) else { return 0.0 };
         let mut path = 0.0;
-        dry.stretches(from, direction, metres, &mut |a, b| path += self.field.path(&ray, a, b));
+        dry.stretches(from, direction, metres, &mut |a, b| {
+            let short = self.field.short_path(from + direction * a, direction, b - a);
+            path += short.unwrap_or_else(|| self.field.path(&ray, a, b));
+        });
         self.medium.extinction().0 * path
     }
 
@@ -80,6 +83,9 @@ impl<'a> TownRain<'a> {
         let extinction = self.medium.extinction().0;
         if extinction == 0.0 {
             return 1.0;
+        }
+        if let Some(path) = self.field.short_path(from, direction, metres) {
+            return self.left_of(extinction * path, (from, direction, metres));
         }
         // Where rain is full at both ends of a way it is so between them.
         let depth = match metres <= self.field.farthest()

@@ -3,6 +3,7 @@
 use super::draw::Beyond;
 use crate::camera::Ray;
 use crate::medium::Phase;
+use crate::shade::adaptive::Spacing;
 use crate::shade::cloud::CloudPicture;
 use crate::shade::detail::DetailParameters;
 use crate::shade::environment::{Environment, EnvironmentWindow};
@@ -15,8 +16,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// The map of all directions: columns and rows, 1.9° apart.
 pub(crate) const SIZE: [usize; 2] = [193, 97];
 
-/// Sky, cloud and ground in all directions from `eye`, coarsely.
-pub fn look_around(eye: DVec3, beyond: &Beyond<'_>) -> Environment {
+/// Sky, cloud and ground in all directions from `eye`, coarsely; `spacing` says where directions may be interpolated.
+pub fn look_around(eye: DVec3, spacing: Spacing, beyond: &Beyond<'_>) -> Environment {
     let window = EnvironmentWindow {
         heading: Radians(0.0),
         half_width: Radians(PI),
@@ -24,7 +25,8 @@ pub fn look_around(eye: DVec3, beyond: &Beyond<'_>) -> Environment {
         top: Radians(FRAC_PI_2),
         size: SIZE,
     };
-    Environment::new(window, &|direction| beyond(&Ray { origin: eye, direction: direction.as_dvec3() }))
+    let from_eye = |direction: Vec3| beyond(&Ray { origin: eye, direction: direction.as_dvec3() });
+    Environment::looked_at(window, spacing, &from_eye)
 }
 
 /// The sun on the ground around `eye`: after air, overcast and the storm's cloud.
@@ -43,22 +45,27 @@ pub fn light_of(around: &Environment, sun: Option<Sun>) -> WorldLight {
 /// The world around `eye`, and what the rain is lit by.
 pub fn seen(
     (sky, cloud): (&Sky, Option<&CloudPicture<'_>>),
-    eye: DVec3,
+    (eye, spacing): (DVec3, Spacing),
     beyond: &Beyond<'_>,
 ) -> (Environment, WorldLight) {
-    let around = look_around(eye, beyond);
+    let around = look_around(eye, spacing, beyond);
     let light = light_of(&around, sun_of(sky, cloud, eye));
     (around, light)
 }
 
-/// What a world was looked at for: sky, billows, eye and the cloud's lit cells.
-type SeenFor<'a> = (&'a SkyParameters, &'a DetailParameters, DVec3, &'a [Vec4]);
+/// How closely a frame looks at the world around: what rain shows of it is blurred, but all of it is.
+pub fn spacing_of(sky: Spacing) -> Spacing {
+    Spacing { tolerance: 0.25 * sky.tolerance, ..sky }
+}
+
+/// What a world was looked at for: sky, billows, eye and how closely, and the cloud's lit cells.
+type SeenFor<'a> = (&'a SkyParameters, &'a DetailParameters, (DVec3, Spacing), &'a [Vec4]);
 
 /// The world around the eye, kept while nothing of it changes: rain falls and streets shine under the same light for many frames.
 pub struct Surrounding {
     sky: SkyParameters,
     detail: DetailParameters,
-    eye: DVec3,
+    eye: (DVec3, Spacing),
     cells: Vec<Vec4>,
     /// The map of all directions.
     pub around: Environment,

@@ -12,6 +12,7 @@
 
 use crate::error::RuntimeError;
 use crate::noise::Lattice;
+use crate::parallel::prelude::*;
 use crate::random::Random;
 use glam::Vec3;
 use squall_formats::GridShape;
@@ -86,14 +87,16 @@ impl Detail {
         }
         let (large, small) =
             (Lattice::periodic(seed, CELL_BITS), Lattice::periodic(seed ^ 0x5EED, CELL_BITS + 1));
-        let table = (0..VOXELS)
-            .map(|i| {
-                let voxel = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)].map(|v| v as f32);
-                let p = Vec3::from_array(voxel) * (CELLS / SIDE as f32);
-                let value = 0.6 * large.cells(p) + 0.4 * small.cells(2.0 * p);
-                (value * 212.0).clamp(0.0, 255.0) as u8
-            })
-            .collect();
+        let large = large.cells_of_a_period::<{ SIDE >> CELL_BITS }>(CELL_BITS);
+        let small = small.cells_of_a_period::<{ SIDE >> (CELL_BITS + 1) }>(CELL_BITS + 1);
+        let mut table = vec![0; VOXELS];
+        let slab = |(z, slab): (usize, &mut [u8])| {
+            let at = z * SIDE * SIDE;
+            for (voxel, (large, small)) in slab.iter_mut().zip(large[at..].iter().zip(&small[at..])) {
+                *voxel = ((0.6 * large + 0.4 * small) * 212.0).clamp(0.0, 255.0) as u8;
+            }
+        };
+        table.par_chunks_mut(SIDE * SIDE).enumerate().for_each(slab);
         detail.table = boxed(table);
         detail.rank(seed);
         Ok(detail)
@@ -115,13 +118,17 @@ impl Detail {
     fn rank(&mut self, seed: u32) {
         const DRAWS: usize = 1 << 16;
         let mut random = Random::from_parts(&[u64::from(seed), 0xDE7A]);
-        let mut counts = vec![0u32; LEVELS];
         let period = SIDE as f32 / self.voxels_per_metre;
-        for _ in 0..DRAWS {
-            let point = [0; 3].map(|_| random.range(0.0, 64.0) as f32 * period);
-            let level = self.raw(Vec3::from_array(point)) * (LEVELS - 1) as f32;
-            counts[(level as usize).min(LEVELS - 1)] += 1;
-        }
+        let mut draws: Vec<(Vec3, u16)> = (0..DRAWS)
+            .map(|_| (Vec3::from_array([0; 3].map(|_| random.range(0.0, 64.0) as f32 * period)), 0))
+            .collect();
+        draws.par_chunks_mut(DRAWS / 32).for_each(|draws| {
+            for (point, level) in draws {
+                *level = (self.raw(*point) * (LEVELS - 1) as f32) as u16;
+            }
+        });
+        let mut counts = vec![0u32; LEVELS];
+        draws.iter().for_each(|(_, level)| counts[usize::from(*level).min(LEVELS - 1)] += 1);
         let mut below = 0;
         self.ranks = std::iter::once(0)
             .chain(counts.into_iter().map(|count| {
@@ -224,17 +231,16 @@ fn threshold(ramp: f32) -> f32 {
 /// Largest density among each cell and its 26 neighbours: what [`Detail::modulate`] takes for the inside.
 pub fn ceilings(shape: GridShape, density: &[f32]) -> Vec<f32> {
     let mut values = density.to_vec();
-    for (axis, stride) in [(0, 1), (1, shape.row_stride()), (2, shape.slab_stride())] {
-        let count = shape.to_array()[axis];
-        let before = values.clone();
-        for (index, value) in values.iter_mut().enumerate() {
-            let at = shape.cell(index)[axis];
-            if at > 0 {
-                *value = value.max(before[index - stride]);
-            }
-            if at + 1 < count {
-                *value = value.max(before[index + stride]);
-            }
+    let mut before = values.clone();
+    let counts = shape.to_array();
+    for (count, stride) in counts.into_iter().zip([1, shape.row_stride(), shape.slab_stride()]) {
+        before.copy_from_slice(&values);
+        let lines = (count * stride).max(1);
+        for (values, before) in values.chunks_exact_mut(lines).zip(before.chunks_exact(lines)) {
+            let larger =
+                |(value, other): (&mut f32, &f32)| *value = if *other > *value { *other } else { *value };
+            values[stride..].iter_mut().zip(before).for_each(larger);
+            values.iter_mut().zip(&before[stride..]).for_each(larger);
         }
     }
     values

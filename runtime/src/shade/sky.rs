@@ -15,6 +15,7 @@ pub mod harmonics;
 
 use crate::error::RuntimeError;
 use crate::noise::{Lattice, smoothstep};
+use crate::parallel::prelude::*;
 use atmosphere::{Atmosphere, Bands};
 use glam::{DVec3, Vec3};
 use harmonics::{Harmonics, Y0, Y1, irradiance_from, project};
@@ -100,6 +101,8 @@ pub struct Sky {
     overcast: f32,
     high_cloud: f32,
     scale: Bands,
+    /// Optical depth of a metre of the clear air below the thin cloud layer.
+    high_air: Bands,
     table: Vec<[f32; 3]>,
     grey: [f32; 3],
     ground: [f32; 3],
@@ -131,19 +134,22 @@ impl Sky {
         let (sin_e, cos_e) = libm::sincos(parameters.sun_elevation.0);
         let (sin_a, cos_a) = libm::sincos(parameters.sun_azimuth.0);
         let scale: Bands = std::array::from_fn(|b| parameters.sun_irradiance[b] * parameters.tint[b]);
-        let table = (0..AZIMUTHS * ELEVATIONS)
-            .map(|i| {
-                let up = (i / AZIMUTHS) as f64 / (ELEVATIONS - 1) as f64;
-                let (sin, cos) = libm::sincos(FRAC_PI_2 * up * up);
-                let (s, c) = libm::sincos(PI * (i % AZIMUTHS) as f64 / (AZIMUTHS - 1) as f64);
+        let sun = DVec3::new(cos_e, 0.0, sin_e);
+        let mut table = vec![[0.0; 3]; AZIMUTHS * ELEVATIONS];
+        table.par_chunks_mut(AZIMUTHS).enumerate().for_each(|(row, values)| {
+            let up = row as f64 / (ELEVATIONS - 1) as f64;
+            let (sin, cos) = libm::sincos(FRAC_PI_2 * up * up);
+            for (column, value) in values.iter_mut().enumerate() {
+                let (s, c) = libm::sincos(PI * column as f64 / (AZIMUTHS - 1) as f64);
                 // The sun stands in the plane y = 0; azimuth is measured from it.
-                let radiance =
-                    air.solve_radiance(EYE, DVec3::new(cos * c, cos * s, sin), DVec3::new(cos_e, 0.0, sin_e));
-                std::array::from_fn(|band| (radiance[band] * scale[band]) as f32)
-            })
-            .collect();
+                let radiance = air.solve_radiance(EYE, DVec3::new(cos * c, cos * s, sin), sun);
+                *value = std::array::from_fn(|band| (radiance[band] * scale[band]) as f32);
+            }
+        });
+        let high_air = air.optical_depth(EYE, HIGH_CLOUD, 1.0);
         let mut sky = Self {
             air,
+            high_air,
             sun: DVec3::new(cos_e * cos_a, cos_e * sin_a, sin_e),
             overcast: parameters.overcast as f32,
             high_cloud: parameters.high_cloud as f32,
@@ -260,7 +266,8 @@ impl Sky {
         // Ice crystals send most light forward; a two-lobe Henyey–Greenstein, mean cosine about .6.
         let lobe = |g: f32| (1.0 - g * g) / (12.566_37 * libm::powf(1.0 + g * g - 2.0 * g * towards, 1.5));
         let phase = 0.7 * lobe(0.8) + 0.3 * lobe(0.1);
-        let air = self.air_view(EYE, HIGH_CLOUD, f64::from(distance));
+        let air = AirBetween { per_metre: self.high_air, mean: self.mean_radiance() };
+        let air = air.view(f64::from(distance));
         std::array::from_fn(|band| {
             let ambient = 0.5 * (light.upper[band] + light.lower[band]);
             let own = ambient + light.sun_irradiance[band] * phase;
@@ -320,10 +327,31 @@ impl Sky {
 
     /// Clear air along `distance` m between two altitudes, lit by the sky's mean radiance.
     pub fn air_view(&self, from_altitude: f64, to_altitude: f64, distance: f64) -> AirView {
-        let depth = self.air.optical_depth(from_altitude, to_altitude, distance);
-        let transmittance = depth.map(|depth| libm::exp(-depth) as f32);
-        let mean = self.mean_radiance();
-        AirView { transmittance, added: std::array::from_fn(|band| mean[band] * (1.0 - transmittance[band])) }
+        self.air_between(from_altitude, to_altitude).view(distance)
+    }
+
+    /// The same for many distances.
+    pub(crate) fn air_between(&self, from_altitude: f64, to_altitude: f64) -> AirBetween {
+        let per_metre = self.air.optical_depth(from_altitude, to_altitude, 1.0);
+        AirBetween { per_metre, mean: self.mean_radiance() }
+    }
+}
+
+/// Clear air between two altitudes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AirBetween {
+    per_metre: Bands,
+    mean: [f32; 3],
+}
+
+impl AirBetween {
+    /// So many metres of it.
+    pub fn view(&self, distance: f64) -> AirView {
+        let transmittance = self.per_metre.map(|depth| libm::exp(-depth * distance) as f32);
+        AirView {
+            transmittance,
+            added: std::array::from_fn(|band| self.mean[band] * (1.0 - transmittance[band])),
+        }
     }
 }
 

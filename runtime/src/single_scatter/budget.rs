@@ -11,14 +11,14 @@ use crate::relight::PointLight;
 pub enum DirectRays {
     /// So many from each point; the error falls with about the 0.7th power of their number.
     PerPoint(u32),
-    /// So many from a whole stroke, bright points more than faint ones, and 16 at least from each: a stroke of n points sends up to 16 n more.
+    /// So many from a whole stroke, bright points more than faint ones, and 4 at least from each: a stroke of n points sends up to 4 n more.
     PerStroke(u32),
 }
 
 /// Power of a point's intensity that its share of the rays goes with.
 const POWER: f64 = 0.6;
 /// Fewest and most rays of a point that takes its share of a budget.
-const FEWEST: u32 = 16;
+const FEWEST: u32 = 4;
 const MOST: u32 = 1 << 16;
 
 impl DirectRays {

@@ -1,6 +1,6 @@
 //! Direct light's moments per cell, for transport sweeps that scatter it.
 
-use super::{DirectSettings, POINTS_PER_PIECE, add_rays_in};
+use super::{DirectSettings, POINTS_PER_PIECE, WantedCells, add_rays_in};
 use crate::relight::PointLight;
 use crate::transport::Cloud;
 use crate::transport::direct::Tally;
@@ -17,8 +17,6 @@ struct Moments<'a> {
 
 /// Most parts that a stroke's rays are summed in: every one of them holds all wanted cells.
 const PARTS: usize = 4;
-/// No place.
-const NONE: u32 = u32::MAX;
 
 impl Tally for Moments<'_> {
     const UNSCATTERED: bool = false;
@@ -37,26 +35,6 @@ impl Tally for Moments<'_> {
                 sums[m] += scaled * self.basis[m];
             }
         }
-    }
-}
-
-/// Cells whose direct light a gather starts from.
-#[derive(Clone, Debug)]
-pub(crate) struct WantedCells {
-    cells: Vec<u32>,
-    places: Vec<u32>,
-}
-
-impl WantedCells {
-    /// Those up to `farthest` steps from cloud, `distances` being steps to the nearest with cloud.
-    pub fn new(distances: &[u8], farthest: u8) -> Self {
-        let wanted = |cell: &u32| distances[*cell as usize] <= farthest;
-        let cells: Vec<u32> = (0..distances.len() as u32).filter(wanted).collect();
-        let mut places = vec![NONE; distances.len()];
-        for (place, &cell) in cells.iter().enumerate() {
-            places[cell as usize] = place as u32;
-        }
-        Self { cells, places }
     }
 }
 

@@ -6,6 +6,7 @@
 //! one third more pixels, as Kawase's repeated blur does \[toyshop\] §6.2. Both steps share light out without
 //! gain or loss, so the bloom moves energy and makes none.
 
+use crate::parallel::prelude::*;
 use crate::picture::Picture;
 
 /// How much light is spread, and how far.
@@ -30,26 +31,34 @@ pub(crate) fn halved(length: usize) -> usize {
     length.div_ceil(2)
 }
 
+/// Inputs of output i of a row or column of `length` values that is halved.
+fn taps(i: usize, length: usize) -> [usize; 4] {
+    let last = length - 1;
+    [(2 * i).saturating_sub(1), (2 * i).min(last), (2 * i + 1).min(last), (2 * i + 2).min(last)]
+}
+
+/// Their mean.
+#[inline(always)]
+fn blended([a, b, c, d]: [f32; 4]) -> f32 {
+    0.125 * (a + d) + 0.375 * (b + c)
+}
+
 pub(crate) fn halve(source: &Picture) -> Picture {
     let (width, height) = (halved(source.width), halved(source.height));
-    let taps = |i: usize, length: usize| {
-        let last = length - 1;
-        [(2 * i).saturating_sub(1), (2 * i).min(last), (2 * i + 1).min(last), (2 * i + 2).min(last)]
-    };
-    const WEIGHTS: [f32; 4] = [0.125, 0.375, 0.375, 0.125];
-    let blend = |pixels: [[f32; 3]; 4]| -> [f32; 3] {
-        std::array::from_fn(|band| (0..4).map(|tap| WEIGHTS[tap] * pixels[tap][band]).sum())
-    };
-    let mut narrow = Vec::with_capacity(width * source.height);
-    for y in 0..source.height {
-        let row = source.row(y);
-        narrow.extend((0..width).map(|x| blend(taps(x, source.width).map(|at| row[at]))));
-    }
-    let mut pixels = Vec::with_capacity(width * height);
-    for y in 0..height {
-        let rows = taps(y, source.height);
-        pixels.extend((0..width).map(|x| blend(rows.map(|row| narrow[row * width + x]))));
-    }
+    let mut pixels = vec![[0.0; 3]; width * height];
+    pixels.par_chunks_mut(width).enumerate().for_each(|(y, pixels)| {
+        let [a, b, c, d] = taps(y, source.height).map(|row| source.row(row).as_flattened());
+        let down = a.iter().zip(b).zip(c.iter().zip(d));
+        let tall: Vec<f32> = down.map(|((&a, &b), (&c, &d))| blended([a, b, c, d])).collect();
+        let (row, _) = tall.as_chunks::<3>();
+        let of = |taps: [usize; 4]| -> [f32; 3] {
+            let [a, b, c, d] = taps.map(|at| row[at]);
+            std::array::from_fn(|band| blended([a[band], b[band], c[band], d[band]]))
+        };
+        for (x, pixel) in pixels.iter_mut().enumerate() {
+            *pixel = of(taps(x, source.width));
+        }
+    });
     Picture { width, height, pixels }
 }
 
@@ -61,19 +70,25 @@ pub(crate) fn add_doubled(fine: &Picture, weight: f32, coarse: &Picture) -> Pict
         let far = if i.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(length - 1) };
         (near, far)
     };
-    let mut pixels = Vec::with_capacity(fine.pixels.len());
-    for y in 0..fine.height {
-        let (near_y, far_y) = taps(y, coarse.height);
-        let (near_row, far_row) = (coarse.row(near_y), coarse.row(far_y));
-        for (x, pixel) in fine.row(y).iter().enumerate() {
-            let (near, far) = taps(x, coarse.width);
-            pixels.push(std::array::from_fn(|band| {
-                let here = 0.75 * near_row[near][band] + 0.25 * near_row[far][band];
-                let there = 0.75 * far_row[near][band] + 0.25 * far_row[far][band];
-                weight * pixel[band] + 0.75 * here + 0.25 * there
-            }));
+    let mut pixels = vec![[0.0; 3]; fine.pixels.len()];
+    let rows = pixels.par_chunks_mut(fine.width.max(1)).enumerate();
+    rows.for_each(|(y, pixels)| {
+        let (near, far) = taps(y, coarse.height);
+        let [near, far] = [near, far].map(|row| coarse.row(row).as_flattened());
+        let mixed: Vec<f32> = near.iter().zip(far).map(|(near, far)| 0.75 * near + 0.25 * far).collect();
+        let (row, _) = mixed.as_chunks::<3>();
+        let last = row.len() - 1;
+        let pairs = pixels.chunks_mut(2).zip(fine.row(y).chunks(2)).enumerate();
+        for (x, (pixels, fine)) in pairs {
+            let (before, near, behind) =
+                (&row[x.saturating_sub(1)], &row[x.min(last)], &row[(x + 1).min(last)]);
+            for ((pixel, fine), far) in pixels.iter_mut().zip(fine).zip([before, behind]) {
+                for band in 0..3 {
+                    pixel[band] = weight * fine[band] + 0.75 * near[band] + 0.25 * far[band];
+                }
+            }
         }
-    }
+    });
     Picture { width: fine.width, height: fine.height, pixels }
 }
 

@@ -6,7 +6,7 @@ const EXP2: [f32; 7] =
 
 /// `value` raised to `exponent`, within 2·10⁻⁶ of it for every 20 powers of two between the result and 1; a normal number above 0, and
 /// results within what single precision holds. Beyond, they end at 2^±126.
-#[inline]
+#[inline(always)]
 pub(super) fn power(value: f32, exponent: f32) -> f32 {
     // value = 2^k · m with m in [√½, √2): log₂ m = 2/ln 2 · artanh((m − 1)/(m + 1)).
     let bits = value.to_bits();
@@ -20,7 +20,8 @@ pub(super) fn power(value: f32, exponent: f32) -> f32 {
     let raised = (log * exponent).clamp(-126.0, 126.0);
     let whole = (raised + 126.5) as i32 - 126;
     let f = raised - whole as f32;
-    let part = EXP2.iter().rev().fold(0.0, |sum, c| sum * f + c);
+    let [a, b, c, d, e, g, h] = EXP2;
+    let part = a + f * (b + f * (c + f * (d + f * (e + f * (g + f * h)))));
     part * f32::from_bits(((whole + 127) << 23) as u32)
 }
 

@@ -9,6 +9,7 @@
 mod field;
 mod rays;
 mod skip;
+mod steps;
 
 use crate::cloud::{Boundary, Cloud};
 pub use crate::light::Light;
@@ -16,7 +17,8 @@ use crate::math::exp_neg;
 pub use field::{DirectField, DirectMoments};
 use glam::DVec3;
 pub use rays::fibonacci;
-pub use skip::{NearCloud, distances};
+pub use skip::NearCloud;
+pub use steps::distances;
 
 /// Optical depth after scaling beyond which a ray is given up: e^−30 is lost in any sum in single precision.
 const DARK: f32 = 30.0;

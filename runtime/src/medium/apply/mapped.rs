@@ -90,8 +90,7 @@ impl<V: RainPath> BandMedium<'_, V> {
     }
 
     fn mapped_node(&self, x: f64, y: f64) -> Node {
-        let (ray, secant) =
-            (self.camera.ray_with(&self.camera.secants(), x, y), self.camera.secants().at(x, y));
+        let (ray, secant) = (self.lens.ray(x, y), self.lens.secants.at(x, y));
         let end = f64::from(self.farthest);
         let share_drawn = |planar: f64| {
             let even = self.medium.drawn_in_even_rain(planar) * secant;

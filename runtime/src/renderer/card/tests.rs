@@ -2,9 +2,11 @@
 
 use super::super::draw::{Clouds as Marched, cover};
 use super::super::light::{Ambient, glow_of, light_cells};
-use super::super::world::{light_of, look_around, sun_of};
+use super::super::lit_stroke::{CLOUD_M, eye_height};
+use super::super::world::{light_of, look_around, spacing_of, sun_of};
 use super::*;
 use crate::camera::Ray;
+use crate::frame::FrameQuality;
 use crate::gpu::around::Around;
 use crate::gpu::light::tests::{flashes_of, frame_of};
 use crate::gpu::test_gpu;
@@ -70,7 +72,7 @@ impl Processor {
         let eye = self.frame.camera.position;
         look(&|ray: &Ray| {
             let mut light = self.sky.radiance(ray.direction.as_vec3());
-            cover(&mut light, cloud.march(ray), (&self.sky, eye));
+            cover(&mut light, cloud.march(ray), &self.sky.air_between(eye_height(eye), CLOUD_M));
             light
         })
     }
@@ -154,7 +156,9 @@ fn what_is_around_the_eye_comes_to_what_the_processor_makes_of_it() {
         let scene = &renderer.scene;
         let clouds = Marched { scene, frame: &processor.frame, detail: &processor.detail };
         let sun = sun_of(&processor.sky, clouds.marched(&processor.cells).as_ref(), eye);
-        let world = processor.with(scene, |beyond| light_of(&look_around(eye, beyond), sun));
+        let world = processor.with(scene, |beyond| {
+            light_of(&look_around(eye, spacing_of(FrameQuality::STILL.sky), beyond), sun)
+        });
         let glow =
             clouds.marched(&processor.flash_cells).map(|cloud| glow_of(&cloud, eye)).unwrap_or_default();
         let mut card = Card::new(&gpu, scene, &renderer.memory).unwrap();

@@ -14,7 +14,7 @@ use glam::Vec2;
 const LARGEST: usize = 32;
 const SMALLEST: usize = 8;
 /// Most nodes of a tile along its depth.
-const MOST_DEPTHS: usize = 10;
+pub(super) const MOST_DEPTHS: usize = 10;
 /// Tolerance from which on a picture is a preview: halos are then told from fewer places.
 const COARSE: f32 = 0.1;
 
@@ -194,16 +194,26 @@ impl Strip<'_> {
         let (near, far, darkest) = self.extremes(tile);
         let fineness = &self.halos.fineness;
         let depths = Depths::between((near, far), fineness.depth_step)?;
-        let at = |share: [f64; 2], end: f32| {
-            let [x, y] = tile.at(share);
-            self.halos.radiance_of(lights.iter().copied(), &(self.ray)(x, y), f64::from(end), darkest)
+        let mut ends = [0.0; MOST_DEPTHS];
+        ends.iter_mut().enumerate().for_each(|(i, end)| *end = f64::from(depths.node(i)));
+        let ends = &ends[..depths.count];
+        let farthest = ends[ends.len() - 1];
+        let at = |share: [f64; 2], ends: &[f64], found: &mut [[f32; 3]]| {
+            let ([x, y], lights) = (tile.at(share), lights.iter().copied());
+            self.halos.add_radiance(lights, &(self.ray)(x, y), (ends, farthest), darkest, found);
         };
-        let corners = |end: f32| CORNERS.map(|share| at(share, end));
-        let nodes = Nodes { lights: (0..depths.count).map(|i| corners(depths.node(i))).collect(), depths };
+        let mut nodes = Nodes { lights: vec![[[0.0; 3]; 4]; depths.count], depths };
+        for (corner, share) in CORNERS.into_iter().enumerate() {
+            let mut found = [[0.0; 3]; MOST_DEPTHS];
+            at(share, ends, &mut found);
+            nodes.lights.iter_mut().zip(found).for_each(|(node, light)| node[corner] = light);
+        }
         // At the depth midway between two nodes a mixture is farthest off.
         let end = nodes.depths.node_at(0.5 * (nodes.depths.count - 1) as f32);
         let is_even = |share: [f64; 2]| {
-            let (found, wanted) = (nodes.mix(end, share.map(|v| v as f32)), at(share, end));
+            let mut wanted = [[0.0; 3]];
+            at(share, &[f64::from(end)], &mut wanted);
+            let (found, [wanted]) = (nodes.mix(end, share.map(|v| v as f32)), wanted);
             (0..3).all(|band| {
                 let allowed = fineness.even * wanted[band].abs() + fineness.unseen * darkest[band];
                 (found[band] - wanted[band]).abs() <= allowed

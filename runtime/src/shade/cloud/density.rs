@@ -62,14 +62,18 @@ impl CloudShape {
     /// Prepares a cloud, once per asset.
     pub fn new(cloud: &Cloud) -> Self {
         let shape = cloud.shape;
-        let [nx, ny, nz] = shape.to_array();
-        let filled = (0..shape.len()).map(|index| {
-            let [x, y, z] = shape.cell(index);
-            (0..8).any(|corner: usize| {
-                let near = |at: usize, bit: usize, count: usize| (at + (corner >> bit & 1)).min(count - 1);
-                cloud.extinction[shape.index(near(x, 0, nx), near(y, 1, ny), near(z, 2, nz))] > 0.0
-            })
-        });
+        // Whether any of the eight centres from a cell on has cloud; at the grid's end fewer.
+        let mut filled: Vec<bool> = cloud.extinction.iter().map(|&extinction| extinction > 0.0).collect();
+        let mut before = filled.clone();
+        for (count, stride) in shape.to_array().into_iter().zip([1, shape.row_stride(), shape.slab_stride()])
+        {
+            before.copy_from_slice(&filled);
+            let lines = (count * stride).max(1);
+            for (filled, before) in filled.chunks_exact_mut(lines).zip(before.chunks_exact(lines)) {
+                filled.iter_mut().zip(&before[stride..]).for_each(|(own, next)| *own |= next);
+            }
+        }
+        let filled = filled.into_iter();
         Self { distances: distances(shape, filled), ceilings: ceilings(shape, &cloud.extinction) }
     }
 

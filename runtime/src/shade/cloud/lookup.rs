@@ -72,11 +72,12 @@ impl CellCubes {
     #[inline]
     pub fn at(&self, point: Vec3) -> Cube {
         let at = ((point - self.origin) / self.cell - 0.5).clamp(Vec3::ZERO, self.last);
-        let low = at.floor();
-        let index = low.x as usize
-            + low.y as usize * self.shape.row_stride()
-            + low.z as usize * self.shape.slab_stride();
-        Cube { index, share: at - low }
+        // Of numbers from 0 the whole part is the floor, without a call.
+        let cell = at.to_array().map(|at| at as i32);
+        let index = cell[0] as usize
+            + cell[1] as usize * self.shape.row_stride()
+            + cell[2] as usize * self.shape.slab_stride();
+        Cube { index, share: at - Vec3::from_array(cell.map(|cell| cell as f32)) }
     }
 
     /// Weights of the eight centres; those beyond the grid count for the nearest within.
@@ -126,7 +127,11 @@ impl CellCubes {
     #[inline]
     pub fn to_leave(&self, point: Vec3, direction: Vec3, cubes: u8) -> f32 {
         let (at, way) = ((point - self.origin) / self.cell, direction / self.cell);
-        let (low, cubes) = ((at - 0.5).floor() + 0.5, f32::from(cubes));
+        let floor = |value: f32| {
+            let whole = value as i32 as f32;
+            if whole > value { whole - 1.0 } else { whole }
+        };
+        let (low, cubes) = (Vec3::from_array((at - 0.5).to_array().map(floor)) + 0.5, f32::from(cubes));
         let ahead = Vec3::select(way.cmpgt(Vec3::ZERO), low + cubes - at, low + 1.0 - cubes - at) / way;
         let ahead = Vec3::select(ahead.is_nan_mask(), Vec3::INFINITY, ahead);
         ahead.min_element()

@@ -84,6 +84,10 @@ impl Billows<'_> {
             }
             let (corners, weights) = cubes.weights(&cube);
             let light = (0..8).fold(Vec4::ZERO, |sum, i| sum + cells[corners[i]] * weights[i]);
+            if light.w <= 0.0 {
+                at += fine;
+                continue;
+            }
             let ceiling = (0..8).fold(0.0, |sum, i| sum + self.shape.ceilings()[corners[i]] * weights[i]);
             let extinction = self.detail.modulate(point, light.w, ceiling);
             let is_inside = extinction == light.w && light.w > 0.0;

@@ -8,6 +8,7 @@
 //! | T      | `transmittance` | –    |
 //! | Ψ      | `echo`          | 1/sr, radiance per unit irradiance of the sun outside the air |
 
+use crate::parallel::prelude::*;
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -59,6 +60,17 @@ pub struct Atmosphere {
     ground_albedo: f64,
     transmittance: Vec<Bands>,
     echo: Vec<Bands>,
+    /// sinh of the echo table's crowding, and asinh of that times the lowest sun.
+    crowding: [f64; 2],
+}
+
+/// A table of `rows` and `columns` of what `value` says.
+fn filled(rows: usize, columns: usize, value: &(dyn Fn(usize, usize) -> Bands + Sync)) -> Vec<Bands> {
+    let mut table = vec![[0.0; 3]; rows * columns];
+    table.par_chunks_mut(columns).enumerate().for_each(|(row, values)| {
+        values.iter_mut().enumerate().for_each(|(column, entry)| *entry = value(row, column));
+    });
+    table
 }
 
 /// A position in a table axis of `count` entries: lower entry and weight of the next.
@@ -109,24 +121,23 @@ fn haze_phase(cosine: f64) -> f64 {
 impl Atmosphere {
     /// Fills both tables. `haze` multiplies the clear-weather aerosol, ≥ 0.
     pub fn new(haze: f64, ground_albedo: f64) -> Self {
-        let mut air = Self { haze, ground_albedo, transmittance: Vec::new(), echo: Vec::new() };
-        air.transmittance = (0..ALTITUDES * COSINES)
-            .map(|i| {
-                let altitude = Self::table_altitude(i / COSINES, ALTITUDES);
-                let at = (i % COSINES) as f64 / (COSINES - 1) as f64;
-                let lowest = horizon(altitude);
-                air.integrate_transmittance(altitude, lowest + (1.0 - lowest) * at * at)
-            })
-            .collect();
-        air.echo = (0..ECHO_ALTITUDES * ECHO_COSINES)
-            .map(|i| {
-                let altitude = Self::table_altitude(i / ECHO_COSINES, ECHO_ALTITUDES);
-                let at = (i % ECHO_COSINES) as f64 / (ECHO_COSINES - 1) as f64;
-                let lowest = libm::asinh(ECHO_LOWEST * libm::sinh(ECHO_CROWDING)) / ECHO_CROWDING;
-                let at = lowest + (1.0 - lowest) * at;
-                air.integrate_echo(altitude, libm::sinh(ECHO_CROWDING * at) / libm::sinh(ECHO_CROWDING))
-            })
-            .collect();
+        let scale = libm::sinh(ECHO_CROWDING);
+        let crowding = [scale, libm::asinh(ECHO_LOWEST * scale)];
+        let (transmittance, echo) = (Vec::new(), Vec::new());
+        let mut air = Self { haze, ground_albedo, transmittance, echo, crowding };
+        air.transmittance = filled(ALTITUDES, COSINES, &|row, column| {
+            let altitude = Self::table_altitude(row, ALTITUDES);
+            let at = column as f64 / (COSINES - 1) as f64;
+            let lowest = horizon(altitude);
+            air.integrate_transmittance(altitude, lowest + (1.0 - lowest) * at * at)
+        });
+        air.echo = filled(ECHO_ALTITUDES, ECHO_COSINES, &|row, column| {
+            let altitude = Self::table_altitude(row, ECHO_ALTITUDES);
+            let at = column as f64 / (ECHO_COSINES - 1) as f64;
+            let lowest = crowding[1] / ECHO_CROWDING;
+            let at = lowest + (1.0 - lowest) * at;
+            air.integrate_echo(altitude, libm::sinh(ECHO_CROWDING * at) / scale)
+        });
         air
     }
 
@@ -186,8 +197,7 @@ impl Atmosphere {
     }
 
     fn echo(&self, altitude: f64, cosine: f64) -> Bands {
-        let scale = libm::sinh(ECHO_CROWDING);
-        let lowest = libm::asinh(ECHO_LOWEST * scale);
+        let [scale, lowest] = self.crowding;
         let at = (libm::asinh(cosine * scale) - lowest) / (ECHO_CROWDING - lowest);
         let row = place(libm::sqrt((altitude / TOP).clamp(0.0, 1.0)), ECHO_ALTITUDES);
         bilinear(&self.echo, ECHO_COSINES, row, place(at, ECHO_COSINES))

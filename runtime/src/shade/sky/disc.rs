@@ -2,7 +2,7 @@
 
 use super::atmosphere::SUN_HALF_ANGLE;
 use super::{EYE, Sky};
-use crate::camera::{Camera, Projection};
+use crate::camera::{Camera, Lens, Projection};
 use crate::world::Sun;
 use glam::{DVec3, Vec3};
 use squall_formats::units::Radians;
@@ -58,11 +58,24 @@ impl Sky {
         })
     }
 
+    /// Squared distance between a unit direction in the middle of a pixel of `lens` and the sun's, beyond which [`Sky::disc_in_pixel`] is
+    /// black; none where the sun is below every horizon.
+    pub(crate) fn disc_reach(&self, lens: &Lens<'_>) -> Option<f64> {
+        let reach = SUN_HALF_ANGLE + lens.pixel_diagonal();
+        (self.sun.z > -reach).then_some(reach * reach)
+    }
+
+    /// The sun's direction in double precision.
+    pub(crate) fn sun_way(&self) -> DVec3 {
+        self.sun
+    }
+
     /// Mean radiance of the sun's disc over pixel (`x`, `y`) of `camera`, W/(m² sr) per colour: a disc smaller than a pixel loses none
     /// of its light, and its edge is smooth.
     pub fn disc_in_pixel(&self, camera: &Camera, x: usize, y: usize) -> [f32; 3] {
         let Projection::Perspective { .. } = camera.projection else { return [0.0; 3] };
-        let ray = |u: f64, v: f64| camera.ray(x as f64 + u, y as f64 + v).direction;
+        let lens = Lens::new(camera);
+        let ray = |u: f64, v: f64| lens.ray(x as f64 + u, y as f64 + v).direction;
         let middle = ray(0.5, 0.5);
         let reach = SUN_HALF_ANGLE + ray(0.0, 0.0).distance(ray(1.0, 1.0));
         if middle.distance_squared(self.sun) > reach * reach {

@@ -11,7 +11,7 @@ pub use quality::Quality;
 
 use super::Town;
 use super::light::Lighting;
-use crate::camera::{Camera, Projection};
+use crate::camera::{Camera, Lens, Projection};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use glam::{DVec3, Vec3};
@@ -60,9 +60,6 @@ const SKY: TownPixel = TownPixel {
 /// Radius of a lamp's glass, m.
 pub(crate) const LAMP_RADIUS: f32 = 0.15;
 
-/// Light of each stroke that is told apart.
-type StrokeParts<const N: usize> = [[f32; 3]; N];
-
 impl Town {
     /// Renders what `camera` sees into `frame`.
     ///
@@ -73,6 +70,7 @@ impl Town {
         match lighting.strokes.len() {
             0 => self.render_parts::<0>(camera, lighting, quality, frame),
             1 => self.render_parts::<1>(camera, lighting, quality, frame),
+            2..MOST_STROKES => self.render_parts::<{ MOST_STROKES - 1 }>(camera, lighting, quality, frame),
             _ => self.render_parts::<MOST_STROKES>(camera, lighting, quality, frame),
         }
     }
@@ -87,19 +85,24 @@ impl Town {
         (frame.width, frame.height) = (camera.width as usize, camera.height as usize);
         let (width, count) = (frame.width, frame.width * frame.height);
         frame.pixels.resize(count, SKY);
-        let mut apart: Vec<StrokeParts<N>> = vec![[[0.0; 3]; N]; count];
-        let task = Task { town: self, camera, lighting, quality };
-        let strip = |(number, (rows, apart)): (usize, (&mut [TownPixel], &mut [StrokeParts<N>]))| {
-            let from = number * ROWS;
-            let strip = Strip::<N>::new(task, from, from + rows.len() / width);
-            for (at, (pixel, apart)) in rows.iter_mut().zip(apart).enumerate() {
-                (*pixel, *apart) = strip.pixel(at % width, from + at / width);
-            }
-        };
-        let strips = frame.pixels.par_chunks_mut(width * ROWS).zip(apart.par_chunks_mut(width * ROWS));
-        strips.enumerate().for_each(strip);
         let told = lighting.strokes.len().min(N);
-        frame.strokes = (0..told).map(|stroke| apart.iter().map(|parts| parts[stroke]).collect()).collect();
+        frame.strokes = (0..told).map(|_| vec![[0.0; 3]; count]).collect();
+        let task = Task { town: self, lens: Lens::new(camera), lighting, quality };
+        let mut apart: Vec<_> =
+            frame.strokes.iter_mut().map(|picture| picture.chunks_mut(width * ROWS)).collect();
+        let rows = frame.pixels.chunks_mut(width * ROWS).enumerate();
+        let mut strips: Vec<_> = rows
+            .map(|rows| (rows, apart.iter_mut().filter_map(Iterator::next).collect::<Vec<_>>()))
+            .collect();
+        strips.par_iter_mut().for_each(|((number, rows), apart)| {
+            let from = *number * ROWS;
+            let strip = Strip::<N>::new(task, from, from + rows.len() / width);
+            for (at, pixel) in rows.iter_mut().enumerate() {
+                let strokes;
+                (*pixel, strokes) = strip.pixel(at % width, from + at / width);
+                apart.iter_mut().zip(strokes).for_each(|(picture, light)| picture[at] = light);
+            }
+        });
     }
 
     /// Adds the street lamps that are in view to a picture, as small round spots that carry all their light; `left` is the share per

@@ -1,7 +1,7 @@
 //! Street lamps on a town: where each one's light reaches, and which of them a spot can leave out.
 //!
-//! A lamp stands still and so does the town, so what it reaches is traced once: the nearest box or hill in 64 × 64 directions,
-//! asked for between four of them. A box is convex: its own faces never shade themselves, whatever the map's steps say.
+//! A lamp stands still and so does the town, so what it reaches is traced once: the nearest box or hill in 64 × 64 directions, tile by
+//! tile as they are asked for, each between four of them. A box is convex: its own faces never shade themselves, whatever the map's steps say.
 
 mod lanes;
 #[cfg(feature = "gpu")]
@@ -9,14 +9,20 @@ mod upload;
 
 pub(super) use lanes::LampLanes;
 
+use super::boxes::beam::Bundle;
 use super::{Hit, Thing, Town};
 use crate::octahedron::{fold, unfold};
 use crate::shade::town::light::{Lighting, SceneLight};
 use glam::Vec3;
 use squall_formats::section::town::StreetLamp;
+use std::sync::OnceLock;
 
 /// Directions along each side of a lamp's map.
 pub(super) const SIDE: usize = 64;
+/// Edge of a tile of the map, and tiles along each side: a fourth of the side is a whole number of them, so that the octahedron's edges
+/// run along borders and diagonals.
+const EDGE: usize = 8;
+const ACROSS: usize = SIDE / EDGE;
 /// A thing this much nearer than a spot is before it, as a share of the distance.
 const NEARER: f32 = 0.02;
 /// Lamps that add less than this share of what a spot has are left out.
@@ -31,50 +37,95 @@ struct Nearest {
     block: u32,
 }
 
-/// What one lamp reaches.
+/// What one lamp reaches, tile by tile of its map; each is traced when it is first asked for.
 #[derive(Debug)]
 pub struct LampReach {
-    texels: Vec<Nearest>,
+    place: Vec3,
+    tiles: Vec<OnceLock<Box<[Nearest; EDGE * EDGE]>>>,
 }
 
 impl LampReach {
-    /// Traces from a lamp at `place` in all directions.
-    fn new(town: &Town, place: Vec3) -> Self {
-        let texel = |i: usize| {
-            let [x, y] = [i % SIDE, i / SIDE].map(|at| (2 * at + 1) as f64 / SIDE as f64 - 1.0);
-            let direction = unfold(x, y).as_vec3();
-            let hill = town.hills.as_ref().and_then(|hills| hills.meet(place, direction, f32::MAX));
-            let metres = hill.map_or(f32::MAX, |(metres, _)| metres);
-            match town.boxes.meet(place, direction, metres) {
-                Some(hit) => Nearest { metres: hit.distance, block: hit.block as u32 },
-                None => Nearest { metres, block: NO_BLOCK },
-            }
-        };
-        Self { texels: (0..SIDE * SIDE).map(texel).collect() }
+    /// A lamp at `place` whose reach is not known yet.
+    fn new(place: Vec3) -> Self {
+        Self { place, tiles: (0..ACROSS * ACROSS).map(|_| OnceLock::new()).collect() }
+    }
+
+    /// A tile of the map.
+    fn tile(&self, town: &Town, number: usize) -> &[Nearest; EDGE * EDGE] {
+        self.tiles[number].get_or_init(|| {
+            let (left, top) = (number % ACROSS * EDGE, number / ACROSS * EDGE);
+            let bundle = Bundle::new(self.place, &corners([left, top].map(|at| at as f32)));
+            let (boxes, has_hills) = (town.boxes.ahead(&bundle), town.has_hills_ahead(&bundle));
+            let texel = |i: usize| {
+                let at = [left + i % EDGE, top + i / EDGE];
+                let [x, y] = at.map(|at| (2 * at + 1) as f64 / SIDE as f64 - 1.0);
+                let direction = unfold(x, y).as_vec3();
+                let hills = town.hills.as_ref().filter(|_| has_hills);
+                let hill = hills.and_then(|hills| hills.meet(self.place, direction, f32::MAX));
+                let metres = hill.map_or(f32::MAX, |(metres, _)| metres);
+                match town.boxes.meet_ahead(&boxes, self.place, direction, metres) {
+                    Some(hit) => Nearest { metres: hit.distance, block: hit.block as u32 },
+                    None => Nearest { metres, block: NO_BLOCK },
+                }
+            };
+            Box::new(std::array::from_fn(texel))
+        })
+    }
+
+    /// A texel of the map.
+    fn texel(&self, town: &Town, [x, y]: [usize; 2]) -> Nearest {
+        self.tile(town, y / EDGE * ACROSS + x / EDGE)[y % EDGE * EDGE + x % EDGE]
     }
 
     /// Share of the lamp that reaches a spot `way` from it, in [0, 1]; `block` is what the spot is on.
-    fn share(&self, way: Vec3, block: u32) -> f32 {
+    fn share(&self, town: &Town, way: Vec3, block: u32) -> f32 {
         let near = way.length() * (1.0 - NEARER);
-        let place = |v: f32| ((v * 0.5 + 0.5) * SIDE as f32 - 0.5).clamp(0.0, (SIDE - 1) as f32);
-        let [x, y] = fold(way).map(place);
-        let [column, row] = [x, y].map(|v| (v as usize).min(SIDE - 2));
-        let (u, v) = (x - column as f32, y - row as f32);
-        let lit = |dx: usize, dy: usize| {
-            let texel = self.texels[(row + dy) * SIDE + column + dx];
-            f32::from(texel.metres >= near || (texel.block == block && block != NO_BLOCK))
+        let place = |v: f32| {
+            let at = (v * 0.5 + 0.5) * SIDE as f32 - 0.5;
+            let at = if at > 0.0 { at } else { 0.0 };
+            if at < (SIDE - 1) as f32 { at } else { (SIDE - 1) as f32 }
         };
-        let (top, bottom) =
-            (lit(0, 0) + u * (lit(1, 0) - lit(0, 0)), lit(0, 1) + u * (lit(1, 1) - lit(0, 1)));
+        let [x, y] = fold(way);
+        let (x, y) = (place(x), place(y));
+        let (column, row) = ((x as usize).min(SIDE - 2), (y as usize).min(SIDE - 2));
+        let (u, v) = (x - column as f32, y - row as f32);
+        let lit =
+            |texel: Nearest| f32::from(texel.metres >= near || (texel.block == block && block != NO_BLOCK));
+        let (within_x, within_y) = (column % EDGE, row % EDGE);
+        let tile = self.tile(town, row / EDGE * ACROSS + column / EDGE);
+        let at = within_y * EDGE + within_x;
+        let (a, b, c, d) = if within_x + 1 < EDGE && within_y + 1 < EDGE {
+            (lit(tile[at]), lit(tile[at + 1]), lit(tile[at + EDGE]), lit(tile[at + EDGE + 1]))
+        } else {
+            let beside = |x: usize, y: usize| lit(self.texel(town, [x, y]));
+            let (right, below) = (column + 1, row + 1);
+            (lit(tile[at]), beside(right, row), beside(column, below), beside(right, below))
+        };
+        let (top, bottom) = (a + u * (b - a), c + u * (d - c));
         top + v * (bottom - top)
     }
 }
 
+/// Directions to the corners of a tile whose first texel is at (x, y): between them directions of this length are linear, or are on
+/// either side of one of the tile's diagonals, so that a box around the corners holds them all.
+fn corners([x, y]: [f32; 2]) -> [Vec3; 4] {
+    let edge = EDGE as f32;
+    let place = |at: f32| 2.0 * at / SIDE as f32 - 1.0;
+    let signs = [x, y].map(|at| place(at + 0.5 * edge).signum());
+    [[0.0, 0.0], [edge, 0.0], [0.0, edge], [edge, edge]].map(|[dx, dy]| {
+        let [x, y] = [place(x + dx), place(y + dy)];
+        let z = 1.0 - x.abs() - y.abs();
+        match z >= 0.0 {
+            true => Vec3::new(x, y, z),
+            false => Vec3::new((1.0 - y.abs()) * signs[0], (1.0 - x.abs()) * signs[1], z),
+        }
+    })
+}
+
 impl Town {
-    /// What lamp `number` reaches; traced when it is first asked for.
+    /// What lamp `number` reaches.
     fn traced(&self, number: usize) -> &LampReach {
-        self.reaches[number]
-            .get_or_init(|| LampReach::new(self, Vec3::from_array(self.lamps[number].position)))
+        self.reaches[number].get_or_init(|| LampReach::new(Vec3::from_array(self.lamps[number].position)))
     }
 
     /// Share of lamp `number` that reaches a spot, past boxes and hills.
@@ -83,12 +134,12 @@ impl Town {
             Thing::Block(number, ..) => number as u32,
             _ => NO_BLOCK,
         };
-        self.traced(number).share(hit.point - Vec3::from_array(self.lamps[number].position), block)
+        self.traced(number).share(self, hit.point - Vec3::from_array(self.lamps[number].position), block)
     }
 
     /// Share of lamp `number` that reaches a place in the air, past boxes and hills.
     pub(crate) fn lamp_reaches(&self, number: usize, place: Vec3) -> f32 {
-        self.traced(number).share(place - Vec3::from_array(self.lamps[number].position), NO_BLOCK)
+        self.traced(number).share(self, place - Vec3::from_array(self.lamps[number].position), NO_BLOCK)
     }
 
     /// Irradiance of the street lamps on a spot that has `so_far` from other lights, W/m²: each dimmed by the rain on its own way,
@@ -129,6 +180,27 @@ impl Town {
 mod tests {
     use super::*;
     use crate::shade::town::tests::small_town;
+
+    #[test]
+    fn every_direction_of_a_lamps_map_has_what_its_own_ray_meets() {
+        let town = small_town();
+        for place in [Vec3::new(3.0, 70.0, 7.0), Vec3::new(-40.0, 130.0, 30.0)] {
+            let reach = LampReach::new(place);
+            let mut met = 0;
+            for at in 0..SIDE * SIDE {
+                let [x, y] = [at % SIDE, at / SIDE].map(|at| (2 * at + 1) as f64 / SIDE as f64 - 1.0);
+                let direction = unfold(x, y).as_vec3();
+                let hill = town.hills.as_ref().and_then(|hills| hills.meet(place, direction, f32::MAX));
+                let limit = hill.map_or(f32::MAX, |(metres, _)| metres);
+                let wanted = town.boxes.meet(place, direction, limit).map_or(limit, |hit| hit.distance);
+                let (x, y) = (at % SIDE, at / SIDE);
+                let found = reach.tile(&town, y / EDGE * ACROSS + x / EDGE)[y % EDGE * EDGE + x % EDGE];
+                assert_eq!(found.metres, wanted, "{direction}");
+                met += usize::from(wanted < f32::MAX);
+            }
+            assert!(met > 40, "{met}");
+        }
+    }
 
     #[test]
     fn a_lamp_reaches_what_rays_reach() {

@@ -63,19 +63,19 @@ impl<const N: usize> Parts<N> {
 
     /// The smaller of two numbers everywhere.
     pub(super) fn least(self, other: Self) -> Self {
-        self.zip(other, f32::min)
+        self.zip(other, |a, b| if b < a { b } else { a })
     }
 
     /// The larger of two numbers everywhere.
     pub(super) fn most(self, other: Self) -> Self {
-        self.zip(other, f32::max)
+        self.zip(other, |a, b| if b > a { b } else { a })
     }
 
     fn zip(mut self, other: Self, of: impl Fn(f32, f32) -> f32) -> Self {
-        let ours = std::iter::once(&mut self.base).chain(&mut self.strokes);
-        for (light, other) in ours.zip(std::iter::once(&other.base).chain(&other.strokes)) {
-            (0..3).for_each(|band| light[band] = of(light[band], other[band]));
-        }
+        (0..3).for_each(|band| self.base[band] = of(self.base[band], other.base[band]));
+        // One after another, so that a register takes several.
+        let strokes = self.strokes.as_flattened_mut().iter_mut().zip(other.strokes.as_flattened());
+        strokes.for_each(|(light, &other)| *light = of(*light, other));
         self
     }
 
@@ -89,9 +89,8 @@ impl<const N: usize> Parts<N> {
     /// Adds `factor` times `other`.
     pub fn add(&mut self, factor: f32, other: Self) {
         add(&mut self.base, factor, other.base);
-        for (sum, value) in self.strokes.iter_mut().zip(other.strokes) {
-            add(sum, factor, value);
-        }
+        let strokes = self.strokes.as_flattened_mut().iter_mut().zip(other.strokes.as_flattened());
+        strokes.for_each(|(sum, value)| *sum += factor * value);
     }
 }
 

@@ -7,7 +7,7 @@
 #[cfg(feature = "gpu")]
 mod upload;
 
-use crate::shade::water::{SMOOTHEST, rippled_highlight};
+use crate::shade::water::{LANES, SMOOTHEST, rippled_highlights};
 use glam::Vec3;
 
 /// A piece of a channel.
@@ -217,12 +217,19 @@ impl LineLight {
             [None, None] => return 0.0,
             _ => MOST_STEPS,
         };
-        let step = |i: u32| {
-            let way = self.from.lerp(self.to, (i as f32 + 0.5) / steps) - point;
-            let squared = way.length_squared().max(1e-4);
-            rippled_highlight(normal, way / squared.sqrt(), to_viewer, slope) / squared
-        };
-        (0..steps as u32).map(step).sum::<f32>() / steps
+        // Some steps side by side, as registers hold them.
+        let mut sum = 0.0;
+        for first in (0..steps as usize).step_by(LANES) {
+            let share: [f32; LANES] = std::array::from_fn(|lane| ((first + lane) as f32 + 0.5) / steps);
+            let way = self.to - self.from;
+            let start = self.from - point;
+            let ways: [[f32; LANES]; 3] =
+                std::array::from_fn(|axis| share.map(|share| start[axis] + way[axis] * share));
+            let own = rippled_highlights(normal, ways, to_viewer, slope);
+            let count = (steps as usize - first).min(LANES);
+            sum += own[..count].iter().sum::<f32>();
+        }
+        sum / steps
     }
 }
 
@@ -230,6 +237,7 @@ impl LineLight {
 mod tests {
     use super::*;
     use crate::random::Random;
+    use crate::shade::water::rippled_highlight;
 
     const BOLT: LineLight = LineLight {
         from: Vec3::new(300.0, 2_000.0, 900.0),

@@ -2,7 +2,6 @@
 
 use super::{DirectField, DirectMoments, Light, PowerRay, Tally, Tracer, chord};
 use crate::cloud::Boundary;
-use squall_formats::GridShape;
 
 /// Share of a cell's edge that a ray goes on by at least, so that round-off never holds it.
 const ONWARD: f64 = 1e-6;
@@ -10,38 +9,13 @@ const ONWARD: f64 = 1e-6;
 /// Where rays leave light, and when they end.
 #[derive(Clone, Copy, Debug)]
 pub struct NearCloud<'a> {
-    /// A cell, how many steps the nearest cell with cloud is away, of which the largest along an axis counts: see [`distances`].
+    /// A cell, how many steps the nearest cell with cloud is away, of which the largest along an axis counts: see [`super::distances`].
     pub distances: &'a [u8],
     /// Cells farther from cloud than so many steps get no light: 0 is for light that is scattered, 1 for light that is read between the
     /// centres of cells.
     pub around: u8,
     /// A ray ends where less than this share of its scaled light is left.
     pub least: f32,
-}
-
-/// How many steps the nearest that is `filled` is away, a cell of a grid, at most 255; all 26 neighbours are one step away. Two sweeps,
-/// each of which looks at the 13 neighbours that come before \[rosenfeld-pfaltz\], are exact.
-pub fn distances(shape: GridShape, filled: impl Iterator<Item = bool>) -> Vec<u8> {
-    let mut distances: Vec<u8> = filled.map(|filled| if filled { 0 } else { u8::MAX }).collect();
-    let counts = shape.to_array().map(|count| count as isize);
-    let before = |i: isize| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1];
-    for sign in [1, -1] {
-        let steps: [[isize; 3]; 13] = std::array::from_fn(|i| before(i as isize).map(|step| step * sign));
-        for number in 0..distances.len() {
-            let index = if sign == 1 { number } else { distances.len() - 1 - number };
-            let cell = shape.cell(index).map(|at| at as isize);
-            let mut least = distances[index];
-            for step in &steps {
-                let at: [isize; 3] = std::array::from_fn(|axis| cell[axis] + step[axis]);
-                if least > 1 && (0..3).all(|axis| (0..counts[axis]).contains(&at[axis])) {
-                    let [x, y, z] = at.map(|at| at as usize);
-                    least = least.min(distances[shape.index(x, y, z)].saturating_add(1));
-                }
-            }
-            distances[index] = least;
-        }
-    }
-    distances
 }
 
 impl Tracer<'_> {
@@ -119,7 +93,7 @@ impl Tracer<'_> {
 mod tests {
     use super::*;
     use crate::cloud::Cloud;
-    use crate::direct::fibonacci;
+    use crate::direct::{distances as distances_of, fibonacci};
     use glam::DVec3;
     use squall_formats::GridShape;
 
@@ -145,7 +119,7 @@ mod tests {
         let cloud =
             Cloud { shape, cell_m, origin_m, extinction, albedo: 1.0, g: 0.8, boundary: Boundary::Open };
         let tracer = Tracer::new(&cloud, 0.6);
-        assert_eq!(super::distances(shape, (0..shape.len()).map(cloud_at)), distances);
+        assert_eq!(distances_of(shape, (0..shape.len()).map(cloud_at)), distances);
         for around in [0, 1] {
             let steps = NearCloud { distances: &distances, around, least: 1e-5 };
             let [mut all, mut near] = [0, 1].map(|_| DirectField::<4>::new(&cloud, &[]));

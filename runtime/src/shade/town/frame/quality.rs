@@ -27,9 +27,9 @@ impl Quality {
     /// A still picture's.
     pub const STILL: Self =
         Self { samples: 2, facets: 6, spacing: 2, tolerance: 0.05, slow_spacing: 2, spot: 1 };
-    /// A preview's: mirrors at a quarter of the size.
+    /// A preview's: light and mirrors at an eighth of the size.
     pub const PREVIEW: Self =
-        Self { samples: 1, facets: 10, spacing: 4, tolerance: f32::INFINITY, slow_spacing: 2, spot: 8 };
+        Self { samples: 1, facets: 10, spacing: 8, tolerance: f32::INFINITY, slow_spacing: 2, spot: 8 };
 
     /// Samples along each side of a pixel, 1 to 64.
     pub(super) fn per_side(self) -> u32 {

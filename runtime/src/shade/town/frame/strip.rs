@@ -9,7 +9,7 @@ use super::quality::Quality;
 use super::spots::{Place, Spots};
 use super::tiles::Views;
 use super::{SKY, TownPixel};
-use crate::camera::{Camera, Projection};
+use crate::camera::{Lens, Projection};
 use glam::Vec3;
 
 /// Rows of a strip: a multiple of any sensible spacing of nodes, so that no row of nodes is worked out twice but the last.
@@ -26,7 +26,7 @@ pub(super) struct Seen {
 #[derive(Clone, Copy)]
 pub(super) struct Task<'a> {
     pub town: &'a Town,
-    pub camera: &'a Camera,
+    pub lens: Lens<'a>,
     pub lighting: &'a Lighting<'a>,
     pub quality: Quality,
 }
@@ -50,7 +50,7 @@ pub(super) struct Strip<'a, const N: usize> {
 impl<'a> Task<'a> {
     /// Follows the ray through a place of the picture, px.
     fn look(&self, views: &Views, x: f64, y: f64) -> Option<Seen> {
-        let ray = self.camera.ray(x, y);
+        let ray = self.lens.ray(x, y);
         let direction = ray.direction.as_vec3();
         let hit = views.trace(self.town, (x, y), ray.origin.as_vec3(), direction)?;
         Some(Seen { direction, hit })
@@ -58,7 +58,7 @@ impl<'a> Task<'a> {
 
     /// The same where the ray is known to meet the flat surface that `on` lies on.
     fn look_at_plane(&self, x: f64, y: f64, on: &Hit) -> Option<Seen> {
-        let ray = self.camera.ray(x, y);
+        let ray = self.lens.ray(x, y);
         let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
         let distance = (on.point - origin).dot(on.normal) / direction.dot(on.normal);
         // At grazing the plane may be met anywhere.
@@ -79,9 +79,9 @@ impl<'a> Task<'a> {
 
     /// Width of a pixel where a ray ended, m: a slanted surface is covered by an ellipse, whose mean width stands for it.
     fn footprint(&self, seen: &Seen) -> f32 {
-        let width = match self.camera.projection {
+        let width = match self.lens.camera.projection {
             Projection::Perspective { .. } => self.angle() * seen.hit.distance,
-            Projection::Orthographic { .. } => 1.0 / self.camera.pixels_per_metre() as f32,
+            Projection::Orthographic { .. } => 1.0 / self.lens.pixels_per_metre as f32,
         };
         let slant = -seen.direction.dot(seen.hit.normal);
         width / slant.max(0.01).sqrt()
@@ -89,8 +89,8 @@ impl<'a> Task<'a> {
 
     /// Angle that a pixel covers, rad.
     fn angle(&self) -> f32 {
-        match self.camera.projection {
-            Projection::Perspective { .. } => 1.0 / self.camera.pixels_per_metre() as f32,
+        match self.lens.camera.projection {
+            Projection::Perspective { .. } => 1.0 / self.lens.pixels_per_metre as f32,
             Projection::Orthographic { .. } => 0.0,
         }
     }
@@ -162,11 +162,12 @@ impl<'a> Task<'a> {
 impl<'a, const N: usize> Strip<'a, N> {
     /// Looks at rows `from` to `to` − 1 and what is beside them.
     pub fn new(task: Task<'a>, from: usize, to: usize) -> Self {
-        let (width, height) = (task.camera.width as usize, task.camera.height as usize);
+        let (width, height) = (task.lens.camera.width as usize, task.lens.camera.height as usize);
         let spacing = task.quality.spacing.clamp(1, ROWS as u32) as usize;
         let first = from.saturating_sub(1);
-        let last = (to + spacing).min(height);
-        let views = Views::new(task.town, task.camera, first, last);
+        // The first row of nodes below, and what the last row of pixels stands beside.
+        let last = (from + (to - from).next_multiple_of(spacing) + 1).min(height);
+        let views = Views::new(task.town, &task.lens, first, last);
         let middle = |at: usize| task.look(&views, (at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
         let seen = (first * width..last * width).map(middle).collect();
         let nodes_across = width.div_ceil(spacing);
@@ -309,8 +310,7 @@ impl<'a, const N: usize> Strip<'a, N> {
         let mut pixel = SKY;
         if let Some(seen) = middle {
             pixel.distance = seen.hit.distance;
-            let ray = task.camera.ray(x as f64 + 0.5, y as f64 + 0.5);
-            pixel.depth = seen.hit.distance * ray.direction.dot(task.camera.forward) as f32;
+            pixel.depth = seen.hit.distance * seen.direction.as_dvec3().dot(task.lens.camera.forward) as f32;
             pixel.normal = seen.hit.normal;
         }
         let light = match middle {

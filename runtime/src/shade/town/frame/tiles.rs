@@ -2,7 +2,7 @@
 
 use super::super::boxes::beam::{Ahead, Bundle};
 use super::super::{Hit, Town};
-use crate::camera::{Camera, Projection};
+use crate::camera::{Lens, Projection};
 use glam::Vec3;
 
 /// Edge of a tile, px.
@@ -24,7 +24,8 @@ pub(super) struct Views {
 
 impl Views {
     /// Looks for what stands before rows `first` to `last` − 1.
-    pub fn new(town: &Town, camera: &Camera, first: usize, last: usize) -> Self {
+    pub fn new(town: &Town, lens: &Lens<'_>, first: usize, last: usize) -> Self {
+        let camera = lens.camera;
         let (width, rows) = (camera.width as usize, last.saturating_sub(first));
         let across = width.div_ceil(EDGE);
         let mut views = Self { first, across, tiles: Vec::new() };
@@ -35,7 +36,7 @@ impl Views {
             let (left, top) = (tile % across * EDGE, first + tile / across * EDGE);
             let corners = [(0, 0), (EDGE, 0), (0, EDGE), (EDGE, EDGE)];
             let ways = corners.map(|(x, y)| {
-                let direction = camera.ray((left + x) as f64, (top + y) as f64).direction;
+                let direction = lens.ray((left + x) as f64, (top + y) as f64).direction;
                 // One metre along the camera's axis each: between the corners these are linear.
                 (direction / direction.dot(camera.forward)).as_vec3()
             });
@@ -61,7 +62,8 @@ impl Views {
 }
 
 impl Town {
-    fn has_hills_ahead(&self, bundle: &Bundle) -> bool {
+    /// Whether rays of a bundle may meet hills.
+    pub(in crate::shade::town) fn has_hills_ahead(&self, bundle: &Bundle) -> bool {
         self.hills.as_ref().is_some_and(|hills| {
             let [low, high] = hills.bounds();
             bundle.may_meet(low, high)

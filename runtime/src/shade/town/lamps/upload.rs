@@ -18,7 +18,8 @@ impl Town {
         for number in 0..self.lamps.len() {
             let reach = self.traced(number);
             let corner = (number / across) * SIDE * width + (number % across) * SIDE;
-            for (i, texel) in reach.texels.iter().enumerate() {
+            for i in 0..SIDE * SIDE {
+                let texel = reach.texel(self, [i % SIDE, i / SIDE]);
                 let block = in_tree.get(texel.block as usize).copied().unwrap_or(NO_BLOCK);
                 texels[corner + i / SIDE * width + i % SIDE] = [texel.metres.to_bits(), block];
             }
