@@ -22,7 +22,6 @@ use crate::wet::drop::eye::Eye;
 use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
 use crate::wet::drop::{self, Opacity, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
-use crate::wet::material::{WATER_INDEX, fresnel};
 use glam::Vec2;
 use hits::{Class, Columns, Fall, Hit};
 use sequence::Sequence;
@@ -240,7 +239,7 @@ impl Brush<'_, '_> {
             self.sequence.clip(variant, view.min(sequence::VIEWS - 1), *share_of_life, level as usize)
         });
         let blur = libm::roundf(0.7 * level);
-        let opacity = self.opacity();
+        let (opacity, fresnel) = (self.opacity(), light.fresnel);
         let beams = light.beams_from(hit.place, direction);
         let beams = (beams.0 * controls.back_light, beams.1);
         let ball = light.ball(&spot);
@@ -266,7 +265,7 @@ impl Brush<'_, '_> {
                 let flat = (Vec2::new(flip * texel.x, texel.y) / texel.z).clamp_length_max(1.0);
                 let turned = right * flat.x + up * flat.y;
                 let cosine = (1.0 - turned.length_squared()).max(0.0).sqrt();
-                let reflected = fresnel(f64::from(cosine), WATER_INDEX) as f32;
+                let reflected = fresnel.at(cosine);
                 let alpha = opacity.of(texel.z * controls.opacity * strength, reflected);
                 let glint = drop::glint(turned, beams.1);
                 let colour = (ball.radiance(turned, blur) + beams.0 * glint) * opacity.lightning_bias;

@@ -77,7 +77,9 @@ fn layers_over_the_frame_are_the_picture_and_effects_go_alone() {
     assert_eq!(report.effects.iter().map(|effect| effect.effect).collect::<Vec<_>>(), on);
     let whole = renderer.picture().to_vec();
     let mut stacked = scene.buffer.colour.clone();
-    renderer.layers().iter().for_each(|(_, layer)| layer.onto(&mut stacked).unwrap());
+    for (_, layer) in renderer.layers() {
+        layer.onto(&mut stacked).unwrap();
+    }
     assert_eq!(stacked, whole);
     assert!(whole.iter().flatten().all(|value| value.is_finite() && *value >= 0.0));
     for effect in Effect::ALL {

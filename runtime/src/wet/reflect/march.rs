@@ -112,6 +112,28 @@ impl March<'_> {
         }
     }
 
+    /// How far from a place a ray in a unit direction ended, m: as far as rays go where it met nothing.
+    pub fn distance(&self, from: Vec3, direction: Vec3, end: End) -> f32 {
+        let End::Seen(at) = end else { return self.reach_m };
+        let depth = self.scene(at);
+        let place = self.view.ray(at.to_array());
+        let place = if self.view.is_parallel() { place.with_z(depth) } else { place * depth };
+        let length = (place - from).dot(direction);
+        if length > 0.0 { length.min(self.reach_m) } else { self.reach_m }
+    }
+
+    /// Where a ray in a unit direction is seen to end that goes so far, m, whatever stands in its way.
+    pub fn end_at(&self, from: Vec3, direction: Vec3, distance: f32) -> End {
+        let place = from + direction * distance;
+        if place.z <= NEAR_M {
+            return End::Behind;
+        }
+        let at = self.view.pixel(place);
+        let [width, height] = self.view.size.map(|pixels| pixels as f32);
+        let inside = at.x >= 0.0 && at.y >= 0.0 && at.x <= width && at.y <= height;
+        if inside { End::Seen(at) } else { End::Beyond(at) }
+    }
+
     /// Where between two steps a ray came behind something.
     fn found(
         &self,

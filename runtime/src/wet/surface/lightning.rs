@@ -9,8 +9,10 @@ use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::maps::{GroundMap, LightningVolume};
 use crate::wet::reflect::view::View;
+use crate::wet::surface::nodes::{Around, Nodes};
 use glam::{DVec2, DVec3, Vec3};
-use std::f32::consts::FRAC_1_PI;
+use squall_formats::sphere::{degree_of, harmonics};
+use std::f32::consts::{FRAC_1_PI, PI};
 
 controls! {
     /// How lightning lights surfaces.
@@ -50,7 +52,21 @@ pub struct LightningReport {
 #[derive(Default)]
 pub struct Lightning {
     blocks: Vec<f32>,
+    nodes: Nodes<Lit>,
 }
+
+/// What a place has of both flashes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lit {
+    /// What the scene sends on: harmonics, each degree with what a cosine keeps of it, and the irradiance on the node's own normal.
+    sent_on: [[f32; 9]; 2],
+    irradiance: [f32; 2],
+    /// Whether the beams themselves come there.
+    beam: [bool; 2],
+}
+
+/// Cosine between normals from which a node's irradiance is a pixel's.
+const EVEN: f32 = 0.9998;
 
 impl Lightning {
     /// Nothing kept yet.
@@ -67,12 +83,12 @@ impl Lightning {
         controls: &LightningControls,
         out: &mut Layer,
     ) -> Result<LightningReport, RuntimeError> {
-        draw(&mut self.blocks, frame, controls, out)
+        draw((&mut self.blocks, &mut self.nodes), frame, controls, out)
     }
 }
 
 fn draw(
-    blocks: &mut Vec<f32>,
+    (blocks, nodes): (&mut Vec<f32>, &mut Nodes<Lit>),
     frame: &WetFrame<'_>,
     controls: &LightningControls,
     out: &mut Layer,
@@ -94,6 +110,11 @@ fn draw(
     let view = View::new(frame.camera);
     let colour = [controls.red, controls.green, controls.blue].map(|band| band * controls.flash * FRAC_1_PI);
     let width = buffer.size[0];
+    let place_of = |[x, y]: [usize; 2], depth: f32| view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
+    if light.volume.is_some() {
+        nodes.fill(buffer, |pixel, depth, normal| light.look(place_of(pixel, depth), normal, controls.shadows));
+    }
+    let nodes = &*nodes;
     let row = |(y, row): (usize, &mut [[f32; 3]])| {
         let mut lit = 0;
         for (x, pixel) in row.iter_mut().enumerate() {
@@ -102,8 +123,16 @@ fn draw(
             let Some(normal) = buffer.unit_normal(at).filter(|_| depth > 0.0 && depth.is_finite()) else {
                 continue;
             };
-            let place = view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
-            let irradiance = light.irradiance(place, normal, controls.shadows);
+            let irradiance = match light.volume {
+                None => light.even(normal),
+                Some(_) => {
+                    let told = nodes.around([x, y], depth, normal);
+                    let told = told.and_then(|around| light.between(&around, normal));
+                    told.unwrap_or_else(|| {
+                        light.of_look(&light.look(place_of([x, y], depth), normal, controls.shadows), normal)
+                    })
+                }
+            };
             let albedo = buffer.albedo.as_ref().map_or([controls.albedo; 3], |albedo| albedo[at]);
             *pixel = std::array::from_fn(|band| albedo[band] * colour[band] * irradiance);
             lit += usize::from(irradiance > 0.0);
@@ -144,25 +173,65 @@ impl<'a> Light<'a> {
         Ok(Self { volume: Some(volume), beams, heights, sum })
     }
 
-    /// Irradiance at a place, over that of a beam of intensity 1.
-    fn irradiance(&self, place: DVec3, normal: Vec3, shadows: f32) -> f32 {
-        let Some(volume) = self.volume else {
-            // Half of an even hemisphere is behind an upright wall.
-            return self.sum * 0.5 * (1.0 + normal.z);
-        };
+    /// Irradiance where nothing was baked, over that of a beam of intensity 1: half of an even hemisphere is behind an upright wall.
+    fn even(&self, normal: Vec3) -> f32 {
+        self.sum * 0.5 * (1.0 + normal.z)
+    }
+
+    /// What a place has of the flashes that shine.
+    fn look(&self, place: DVec3, normal: Vec3, shadows: f32) -> Lit {
+        let mut lit = Lit::default();
+        let Some(volume) = self.volume else { return lit };
         let around = place + normal.as_dvec3() * (0.5 * volume.cell_m);
-        let mut sum = 0.0;
-        for (key, towards, intensity) in self.beams.iter().flatten() {
-            sum += intensity * volume.irradiance(*key, around, normal).unwrap_or(0.0);
-            let cosine = normal.dot(towards.as_vec3());
+        for (key, towards, _) in self.beams.iter().flatten() {
+            if let Some(mut light) = volume.harmonics_at(*key, around) {
+                // What a cosine lobe keeps of each degree, \[ramamoorthi\].
+                let keeps = |index: usize| [PI, 2.0 * PI / 3.0, 0.25 * PI][degree_of(index)];
+                light.iter_mut().enumerate().for_each(|(index, light)| *light *= keeps(index));
+                lit.irradiance[*key] = on(&light, normal);
+                lit.sent_on[*key] = light;
+            }
+            // A surface that a beam only grazes may be one whose neighbour it meets.
+            let meets = normal.dot(towards.as_vec3()) > -0.2;
             let reach = f64::from(shadows);
             let shades = |heights: &Heights<'_>| heights.shade((place, normal), *towards, reach);
-            if cosine > 0.0 && !self.heights.as_ref().is_some_and(shades) {
-                sum += intensity * cosine;
+            lit.beam[*key] = meets && !self.heights.as_ref().is_some_and(shades);
+        }
+        lit
+    }
+
+    /// Irradiance on a surface with what its place has, over that of a beam of intensity 1.
+    fn of_look(&self, lit: &Lit, normal: Vec3) -> f32 {
+        let beam = |(key, towards, intensity): &(usize, DVec3, f32)| {
+            let straight = if lit.beam[*key] { normal.dot(towards.as_vec3()).max(0.0) } else { 0.0 };
+            intensity * (lit.irradiance[*key] + straight)
+        };
+        self.beams.iter().flatten().map(beam).sum()
+    }
+
+    /// The same between nodes that agree on which beams come there.
+    fn between(&self, around: &Around<'_, Lit>, normal: Vec3) -> Option<f32> {
+        let first = &around.nodes[0].value;
+        let mut lit = Lit { beam: first.beam, ..Lit::default() };
+        let even = around.nodes.iter().all(|node| node.normal.dot(normal) > EVEN);
+        if around.nodes.iter().any(|node| node.value.beam != first.beam) {
+            return None;
+        }
+        for (key, ..) in self.beams.iter().flatten() {
+            for (node, weight) in around.nodes.iter().zip(around.weights) {
+                let value = &node.value;
+                lit.irradiance[*key] +=
+                    weight * if even { value.irradiance[*key] } else { on(&value.sent_on[*key], normal) };
             }
         }
-        sum
+        Some(self.of_look(&lit, normal))
     }
+}
+
+/// Irradiance on a normal by harmonics that have a cosine's shares in them; at least 0.
+fn on(light: &[f32; 9], normal: Vec3) -> f32 {
+    let basis = harmonics(normal.to_array().map(f64::from));
+    light.iter().zip(basis).map(|(light, basis)| light * basis as f32).sum::<f32>().max(0.0)
 }
 
 /// A height map that throws shadows, and the highest points of its blocks.
@@ -264,7 +333,6 @@ mod tests {
     use crate::wet::maps::WetMaps;
     use crate::world::WorldLight;
     use squall_formats::units::Degrees;
-    use std::f32::consts::PI;
 
     /// Single precision.
     const ROUND_OFF: f32 = 1e-5;
