@@ -12,6 +12,7 @@
 //! | σ | `slope`, standard deviation of the facets' slopes | – |
 //! | F | Fresnel's reflection, at the facet's own angle | – |
 
+pub(in crate::wet) mod facets;
 pub mod march;
 pub mod paper;
 pub mod pyramid;
@@ -34,6 +35,8 @@ const FLATTEST: f32 = 0.01;
 const ONE_RAY_PX: f32 = 0.75;
 /// Pixels that a fan sweeps up to which one ray finds how far off its mirror image is, and the others are taken to end as far away.
 const NARROW_PX: f32 = 24.0;
+/// Halvings that find where a ray of a wider fan comes behind something.
+const WIDE_HALVINGS: usize = 2;
 /// Looks between the ends of two rays at most.
 const LOOKS: usize = 8;
 
@@ -131,7 +134,8 @@ impl Mirror<'_> {
             let ray = ray_of(normal);
             self.march.distance(place, ray, self.march.end(place, ray))
         });
-        let ended: [(Ended, Vec3); 5] = BOUNDS.map(|bound| {
+        let mut ended = [((End::Behind, normal), normal); BOUNDS.len()];
+        for (bound, ended) in BOUNDS.into_iter().zip(&mut ended) {
             let facet = (normal + along * (bound * slope)).normalize();
             let cosine = facet.dot(to_eye);
             // A facet that turns its back on the eye is not seen; its ray bounds the bin of those that are.
@@ -139,10 +143,11 @@ impl Mirror<'_> {
             let ray = ray_of(facet);
             let end = match narrow {
                 Some(distance) => self.march.end_at(place, ray, distance),
-                None => self.march.end(place, ray),
+                // Between two ends of a wide fan light is a mean over tens of pixels: a few more or less don't show.
+                None => self.march.end_within(place, ray, WIDE_HALVINGS),
             };
-            ((end, ray), facet)
-        });
+            *ended = ((end, ray), facet);
+        }
         let rays = if narrow.is_some() { 1 } else { BOUNDS.len() as u32 };
         let (mut light, mut weight, mut mean) = (Vec3::ZERO, 0.0, 0.0);
         for (bin, share) in SHARES.into_iter().enumerate() {
@@ -194,7 +199,8 @@ impl Mirror<'_> {
     /// Mean of the picture along a line, which has `inside` of the answer; the world's light has the rest, and what the borders leave.
     fn swept(&self, (from, to): (Vec2, Vec2), inside: f32, aside: f32, world: impl Fn() -> Vec3) -> Vec3 {
         let length = from.distance(to);
-        let looks = ((0.5 * length).ceil() as usize).clamp(1, LOOKS);
+        // No nearer together than what lies aside is blurred.
+        let looks = ((length / aside.max(2.0)).ceil() as usize).clamp(1, LOOKS);
         let level = libm::log2f((length / looks as f32).max(aside).max(1.0));
         let scale = inside / looks as f32;
         let (mut sum, mut weight) = (Vec3::ZERO, 0.0);

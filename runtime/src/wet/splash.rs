@@ -22,6 +22,7 @@ use crate::wet::drop::eye::Eye;
 use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
 use crate::wet::drop::{self, Opacity, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
+use crate::wet::surface::nodes::Nodes;
 use glam::Vec2;
 use hits::{Class, Columns, Fall, Hit};
 use sequence::Sequence;
@@ -84,6 +85,7 @@ pub struct Splashes {
     columns: Columns,
     light: LightMemory,
     found: Vec<Found>,
+    far: Nodes<haze::Far>,
 }
 
 /// A splash to draw.
@@ -118,8 +120,8 @@ fn drawn(width_px: f32, smallest: f32) -> f32 {
 impl Splashes {
     /// Makes the sequence: some tens of milliseconds.
     pub fn new() -> Self {
-        let (columns, light, found) = Default::default();
-        Self { sequence: Sequence::bake(), columns, light, found }
+        let (columns, light, found, far) = Default::default();
+        Self { sequence: Sequence::bake(), columns, light, found, far }
     }
 
     /// Clears `out` and draws the splashes of a frame's time into it. Needs depth and normals; surfaces under `maps.height_m` and where `wettable` is 0 have none.
@@ -168,7 +170,7 @@ impl Splashes {
         let mut light = self.light.prepare(frame, &eye, &lights);
         let brush = Brush { frame, eye: &eye, controls, sequence: &self.sequence };
         if controls.haze > 0.0 {
-            report.haze_pixels = brush.haze(&kinds, &fall, &mut light, out);
+            report.haze_pixels = brush.haze(&kinds, &fall, &mut self.far, &mut light, out);
         }
         for found in &mut self.found {
             report.pixels += brush.splash(found, &mut light, out);

@@ -78,7 +78,7 @@ controls! {
         /// How thick things are behind what the camera sees of them.
         thickness: 2.0, 0.001..=1e4, "m", "";
         /// How far what nodes mirror may differ for what lies between to be told by them, as a share; at 0 every film is looked at.
-        tolerance: 0.15, 0.0..=1.0, "", "";
+        tolerance: 0.1, 0.0..=1.0, "", "";
         /// Above ½, streaks are the paper's: a mirror image smeared by distance.
         paper_streaks: 0.0, 0.0..=1.0, "", "";
         /// How many pixels a metre of distance smears them, of a picture of 1080 rows.
@@ -242,16 +242,23 @@ struct Look {
 impl Look {
     /// Between nodes that agree.
     fn between(around: &nodes::Around<'_, Self>) -> Option<Self> {
-        let first = around.nodes[0].value;
-        let mut depth = 0.0;
-        for (node, weight) in around.nodes.iter().zip(around.weights) {
-            let other = Self { basin: [first.basin[0], node.value.basin[1]], ..node.value };
-            if other != first {
-                return None;
+        let mut all: Option<Self> = None;
+        for (node, weight) in around.told() {
+            let [depth, deepest] = node.value.basin;
+            let part = weight * depth;
+            match &mut all {
+                None => all = Some(Self { basin: [part, deepest], ..node.value }),
+                Some(all) => {
+                    let (open, calm) =
+                        (all.open == node.value.open, all.open_when_calm == node.value.open_when_calm);
+                    if !(open && calm && all.basin[1] == deepest) {
+                        return None;
+                    }
+                    all.basin[0] += part;
+                }
             }
-            depth += weight * node.value.basin[0];
         }
-        Some(Self { basin: [depth, first.basin[1]], ..first })
+        all
     }
 }
 
@@ -345,6 +352,7 @@ impl Surface {
             task.smear(&mut self.films, &mut self.smear);
         }
         let rays = task.lay(&self.films, out)
+            + self.looks.table_rays()
             + self.films.iter().map(|film| (film.rays + film.standing.rays) as usize).sum::<usize>();
         self.world = Some((frame.light.clone(), world));
         Ok(SurfaceReport { wet, puddles, rays })
@@ -373,8 +381,8 @@ impl Surface {
         let calm = fall.calm();
         self.hollows.know(frame.maps.water_m.as_ref());
         let (width, hollows) = (buffer.size[0], &self.hollows);
-        let look = |[x, y]: [usize; 2], depth: f32, normal: Vec3| {
-            let place = view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
+        let look = |offset: Vec3, normal: Vec3| {
+            let place = view.eye + offset.as_dvec3();
             let before = fall.before(place, normal);
             Look {
                 open: !fall.sheltered(before, speed),
@@ -382,7 +390,7 @@ impl Surface {
                 basin: hollows.basin((place.truncate(), normal), frame.maps, controls),
             }
         };
-        self.nodes.fill(buffer, look);
+        self.nodes.fill(buffer, view, look);
         let nodes = &self.nodes;
         let row = |(y, states): (usize, &mut [State])| {
             for (x, state) in states.iter_mut().enumerate() {
@@ -393,9 +401,10 @@ impl Surface {
                     continue;
                 }
                 let Some(normal) = buffer.unit_normal(at) else { continue };
-                let told = nodes.around([x, y], depth, normal);
+                let offset = view.to_world(view.place(x, y, depth));
+                let told = nodes.around([x, y], offset, normal);
                 let told = told.and_then(|around| Look::between(&around));
-                let told = told.unwrap_or_else(|| look([x, y], depth, normal));
+                let told = told.unwrap_or_else(|| look(offset, normal));
                 // Rain on a slope falls on more or less of it; walls get what runs down, in the lee too.
                 let met = if told.open { (-normal.dot(falls)).max(0.0) } else { 0.0 };
                 let runs = controls.walls * (1.0 - normal.z.abs());

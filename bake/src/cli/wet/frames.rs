@@ -204,7 +204,9 @@ impl Sequence {
                     if animated.is_none() {
                         pending::note_written();
                         let there = number + 1;
-                        pending::set_note(Some(format!("{there} of {count} frames are there; --resume goes on")));
+                        pending::set_note(Some(format!(
+                            "{there} of {count} frames are there; --resume goes on"
+                        )));
                     }
                 }
                 Err(error) => {

@@ -152,7 +152,12 @@ impl Windscreen {
         let sight = Sight {
             view: &view,
             picture: &self.picture,
-            march: March { view: &view, inverse_depth: &self.inverse_depth, reach_m: FAR_M, thickness_m: 1.0 },
+            march: March {
+                view: &view,
+                inverse_depth: &self.inverse_depth,
+                reach_m: FAR_M,
+                thickness_m: 1.0,
+            },
             world: &world.1,
             front: Vec3::from_array(frame.light.mean_radiance()) * controls.front,
             fresnel: &self.fresnel,
@@ -230,7 +235,8 @@ fn settings(frame: &WetFrame<'_>, controls: &WindscreenControls, height_m: f32) 
     let width_m = height_m * width as f64 / height as f64;
     let least = libm::sqrt(width_m * height_m / CELLS_MOST);
     let spacing_m = (f64::from(controls.cell) * 1e-3).max(least).min(height_m / 3.0).clamp(1e-5, 0.1);
-    let cells = [width_m, height_m].map(|side| (libm::ceil(side / spacing_m) as usize).clamp(3, super::CELLS_MAX));
+    let cells =
+        [width_m, height_m].map(|side| (libm::ceil(side / spacing_m) as usize).clamp(3, super::CELLS_MAX));
     let pull = f64::from((gravity(controls) - controls.lift).abs()).max(1e-3);
     let hold = f64::from(controls.hold);
     GlassSettings {
@@ -390,10 +396,7 @@ fn blades([width, height]: [usize; 2], seconds: f64, controls: &WindscreenContro
         .into_iter()
         .map(|wiper| {
             let at = |radius: f64| {
-                Vec2::new(
-                    (wiper.pivot_m[0] + radius * cos) as f32,
-                    (wiper.pivot_m[1] + radius * sin) as f32,
-                )
+                Vec2::new((wiper.pivot_m[0] + radius * cos) as f32, (wiper.pivot_m[1] + radius * sin) as f32)
             };
             Blade { ends: [at(0.0), at(wiper.outer_m)], half_px: 0.008 * height as f32 }
         })

@@ -32,8 +32,9 @@ controls! {
     }
 }
 
-/// Cells along a side of the height map's blocks, whose highest points shadows' rays pass over in one step.
-const BLOCK: usize = 16;
+/// Blocks of the height map, each four times as long as those before, whose highest points shadows' rays pass over in one step.
+const LEVELS: usize = 4;
+const FOUR: usize = 4;
 /// Share of a cell by which a ray is put beyond the border of what it has left.
 const BEYOND: f64 = 1e-4;
 /// A light this close to straight above casts its shadows within a cell: the tangent of its angle.
@@ -110,9 +111,10 @@ fn draw(
     let view = View::new(frame.camera);
     let colour = [controls.red, controls.green, controls.blue].map(|band| band * controls.flash * FRAC_1_PI);
     let width = buffer.size[0];
-    let place_of = |[x, y]: [usize; 2], depth: f32| view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
+    let look =
+        |offset: Vec3, normal: Vec3| light.look(view.eye + offset.as_dvec3(), normal, controls.shadows);
     if light.volume.is_some() {
-        nodes.fill(buffer, |pixel, depth, normal| light.look(place_of(pixel, depth), normal, controls.shadows));
+        nodes.fill(buffer, &view, look);
     }
     let nodes = &*nodes;
     let row = |(y, row): (usize, &mut [[f32; 3]])| {
@@ -126,11 +128,10 @@ fn draw(
             let irradiance = match light.volume {
                 None => light.even(normal),
                 Some(_) => {
-                    let told = nodes.around([x, y], depth, normal);
+                    let offset = view.to_world(view.place(x, y, depth));
+                    let told = nodes.around([x, y], offset, normal);
                     let told = told.and_then(|around| light.between(&around, normal));
-                    told.unwrap_or_else(|| {
-                        light.of_look(&light.look(place_of([x, y], depth), normal, controls.shadows), normal)
-                    })
+                    told.unwrap_or_else(|| light.of_look(&look(offset, normal), normal))
                 }
             };
             let albedo = buffer.albedo.as_ref().map_or([controls.albedo; 3], |albedo| albedo[at]);
@@ -211,14 +212,14 @@ impl<'a> Light<'a> {
 
     /// The same between nodes that agree on which beams come there.
     fn between(&self, around: &Around<'_, Lit>, normal: Vec3) -> Option<f32> {
-        let first = &around.nodes[0].value;
-        let mut lit = Lit { beam: first.beam, ..Lit::default() };
-        let even = around.nodes.iter().all(|node| node.normal.dot(normal) > EVEN);
-        if around.nodes.iter().any(|node| node.value.beam != first.beam) {
+        let beam = around.told().next()?.0.value.beam;
+        if around.told().any(|(node, _)| node.value.beam != beam) {
             return None;
         }
+        let mut lit = Lit { beam, ..Lit::default() };
+        let even = around.told().all(|(node, _)| node.normal.dot(normal) > EVEN);
         for (key, ..) in self.beams.iter().flatten() {
-            for (node, weight) in around.nodes.iter().zip(around.weights) {
+            for (node, weight) in around.told() {
                 let value = &node.value;
                 lit.irradiance[*key] +=
                     weight * if even { value.irradiance[*key] } else { on(&value.sent_on[*key], normal) };
@@ -237,24 +238,35 @@ fn on(light: &[f32; 9], normal: Vec3) -> f32 {
 /// A height map that throws shadows, and the highest points of its blocks.
 struct Heights<'a> {
     map: &'a GroundMap,
-    /// Blocks along x.
-    across: usize,
+    /// Blocks along x of each level, and where the level begins.
+    levels: [(usize, usize); LEVELS],
     blocks: &'a [f32],
     top: f64,
 }
 
 impl<'a> Heights<'a> {
     fn of(map: &'a GroundMap, blocks: &'a mut Vec<f32>) -> Self {
-        let across = map.size[0].div_ceil(BLOCK);
         blocks.clear();
-        blocks.resize(across * map.size[1].div_ceil(BLOCK), f32::NEG_INFINITY);
-        for (y, row) in map.values.chunks(map.size[0].max(1)).take(map.size[1]).enumerate() {
-            for (cells, highest) in row.chunks(BLOCK).zip(&mut blocks[y / BLOCK * across..]) {
-                *highest = cells.iter().copied().fold(*highest, f32::max);
+        let mut levels = [(0, 0); LEVELS];
+        let mut size = map.size;
+        for (number, level) in levels.iter_mut().enumerate() {
+            let from = blocks.len();
+            let [width, height] = size;
+            let coarse = size.map(|cells| cells.div_ceil(FOUR));
+            *level = (coarse[0], from);
+            blocks.resize(from + coarse[0] * coarse[1], f32::NEG_INFINITY);
+            let (finer, coarser) = blocks.split_at_mut(from);
+            let fine = if number == 0 { map.values.as_slice() } else { &finer[from - width * height..] };
+            for (y, row) in fine.chunks(width.max(1)).take(height).enumerate() {
+                for (cells, highest) in row.chunks(FOUR).zip(&mut coarser[y / FOUR * coarse[0]..]) {
+                    *highest = cells.iter().copied().fold(*highest, f32::max);
+                }
             }
+            size = coarse;
         }
-        let top = blocks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        Self { map, across, blocks, top: f64::from(top) }
+        let first = levels[1].1;
+        let top = blocks[..first].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        Self { map, levels, blocks, top: f64::from(top) }
     }
 
     /// Whether the height map stands between a surface and a light, within `reach` m; 0 is no shadows. The ray begins where no cell that holds the
@@ -277,33 +289,44 @@ impl<'a> Heights<'a> {
         let (nudge, end) = (map.cell_m * BEYOND / across, end.min(reach));
         // Past the place's own cell: ground that slopes or is rough does not shade itself.
         let mut along = begin.max(map.cell_m / across);
+        // Where the ray leaves a square of `side` cells that holds cell (x, y).
+        let (inverse, cell_m) = (towards.truncate().recip(), map.cell_m);
+        let leaves = |[x, y]: [usize; 2], side: usize| {
+            let edge = |axis: usize, at: usize| {
+                let far = at - at % side + if towards[axis] > 0.0 { side } else { 0 };
+                let out = (map.origin_m[axis] + far as f64 * cell_m - from[axis]) * inverse[axis];
+                if towards[axis] == 0.0 { f64::INFINITY } else { out }
+            };
+            edge(0, x).min(edge(1, y))
+        };
+        let mut level = LEVELS;
         while along < end {
-            let at = from + towards * along;
-            if at.z > self.top && towards.z >= 0.0 {
+            let z = from.z + towards.z * along;
+            if z > self.top && towards.z >= 0.0 {
                 return false;
             }
-            let Some([x, y]) = map.cell(at.truncate()) else {
+            let Some([x, y]) = map.cell(from.truncate() + towards.truncate() * along) else {
                 along += nudge;
                 continue;
             };
-            let leaves = |x: usize, y: usize, side: usize| {
-                let low = map.origin_m + DVec2::new(x as f64, y as f64) * map.cell_m;
-                let high = low + side as f64 * map.cell_m;
-                within(from, towards, [low, high]).map_or(along, |[_, out]| out.max(along))
-            };
-            let block = [x / BLOCK, y / BLOCK];
-            let past = leaves(block[0] * BLOCK, block[1] * BLOCK, BLOCK);
-            let lowest = at.z.min(from.z + towards.z * past);
-            if f64::from(self.blocks[block[1] * self.across + block[0]]) <= lowest {
-                along = past + nudge;
+            if level == 0 {
+                let out = leaves([x, y], 1).max(along);
+                let middle = from.z + towards.z * 0.5 * (along + out);
+                if map.values.get(y * map.size[0] + x).is_some_and(|height| f64::from(*height) > middle) {
+                    return true;
+                }
+                (along, level) = (out + nudge, 1);
                 continue;
             }
-            let out = leaves(x, y, 1);
-            let middle = from.z + towards.z * 0.5 * (along + out);
-            if map.values.get(y * map.size[0] + x).is_some_and(|height| f64::from(*height) > middle) {
-                return true;
+            let side = FOUR.pow(level as u32);
+            let past = leaves([x, y], side).max(along);
+            let lowest = z.min(from.z + towards.z * past);
+            let (across, begins) = self.levels[level - 1];
+            if f64::from(self.blocks[begins + y / side * across + x / side]) <= lowest {
+                (along, level) = (past + nudge, (level + 1).min(LEVELS));
+            } else {
+                level -= 1;
             }
-            along = out + nudge;
         }
         false
     }

@@ -182,7 +182,8 @@ mod tests {
         let (hollows, maps) = (Hollows::new(4), WetMaps::default());
         for share in [0.0f32, 0.2, 0.7] {
             let controls = controls(share);
-            let depth = |place: DVec2| depth_m(hollows.basin((place, Vec3::Z), &maps, &controls), Vec3::Z, 1.0);
+            let depth =
+                |place: DVec2| depth_m(hollows.basin((place, Vec3::Z), &maps, &controls), Vec3::Z, 1.0);
             let wet = (0..10_000)
                 .filter(|i| depth(DVec2::new(f64::from(i % 100), f64::from(i / 100)) * 0.121) > 0.0);
             let found = wet.count() as f32 / 10_000.0;

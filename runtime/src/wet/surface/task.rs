@@ -82,6 +82,19 @@ impl Task<'_> {
         self.mirror.fan((place, normal, self.view.to_eye(place)), ground.slope, self.fresnel)
     }
 
+    /// Share of a look's pixel that its film covers.
+    pub(super) fn film_share(&self, ground: &Ground) -> f32 {
+        let at = ground.pixel[1] * self.frame.buffer.size[0] + ground.pixel[0];
+        self.controls.film * self.states[at].wetness * ground.normal.z.abs().max(self.controls.walls)
+    }
+
+    /// The brightest band of what a look's pixel shows when dry.
+    pub(super) fn brightest(&self, ground: &Ground) -> f32 {
+        let [red, green, blue] =
+            self.frame.colour[ground.pixel[1] * self.frame.buffer.size[0] + ground.pixel[0]];
+        red.max(green).max(blue).max(0.0)
+    }
+
     /// How far facets that lean aside blur what a look's film shows, px.
     pub(super) fn blur_px(&self, ground: &Ground) -> f32 {
         let place = self.view.place(ground.pixel[0], ground.pixel[1], ground.depth);

@@ -1,6 +1,6 @@
 use super::*;
-use crate::wet::drop::stage::Stage;
 use crate::wet::draw::flux_of;
+use crate::wet::drop::stage::Stage;
 use glam::DVec3;
 use squall_formats::units::MillimetresPerHour;
 
@@ -90,7 +90,9 @@ fn drops_run_up_where_the_wind_of_driving_lifts_them() {
         drawn(&mut Windscreen::new(), &stage, 1.0, &lifted).0,
     );
     assert_ne!(falls, rises);
-    for wrong in [WindscreenControls { distance: 0.0, ..still }, WindscreenControls { hold: f32::NAN, ..still }] {
+    for wrong in
+        [WindscreenControls { distance: 0.0, ..still }, WindscreenControls { hold: f32::NAN, ..still }]
+    {
         let mut layer = Layer::default();
         let frame = stage.frame(1.0);
         assert!(Windscreen::new().draw((&frame, frame.colour), &wrong, &mut layer).is_err());
