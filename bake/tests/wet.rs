@@ -319,7 +319,8 @@ fn frames_go_into_one_animated_picture_and_the_pane_before_them_has_drops_and_wi
     let decoder = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
     let animation = decoder.info().animation_control.unwrap();
     assert_eq!((animation.num_frames, animation.num_plays), (3, 0));
-    let glass = answer["effects"].as_array().unwrap().iter().find(|effect| effect["effect"] == "glass").unwrap();
+    let glass =
+        answer["effects"].as_array().unwrap().iter().find(|effect| effect["effect"] == "glass").unwrap();
     assert!(glass["pixels"].as_u64().unwrap() > 50, "{glass}");
     // The name says it, or the option; one frame, a pattern and layers do not go with it.
     place.answer(&format!("{words} --frames 0..2 --apng -o same.png"));
@@ -332,7 +333,8 @@ fn frames_go_into_one_animated_picture_and_the_pane_before_them_has_drops_and_wi
 fn an_orthographic_camera_is_told_how_to_go_on_without_rain() {
     let place = Place::new();
     let camera = r#""type": "orthographic", "target_m": [0, 8, 3], "direction": [0, 1, -0.4]"#;
-    let camera = format!("{{{camera}, \"half_width_m\": 6, \"half_height_m\": 4, \"width\": 48, \"height\": 32}}");
+    let camera =
+        format!("{{{camera}, \"half_width_m\": 6, \"half_height_m\": 4, \"width\": 48, \"height\": 32}}");
     std::fs::write(place.path("o.json"), camera).unwrap();
     let words = "blind.exr --camera o.json --rate 25 -o o.exr";
     let (code, _, said) = place.wet(words);

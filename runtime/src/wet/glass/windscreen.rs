@@ -14,7 +14,6 @@ use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::material::WATER_INDEX;
 use crate::wet::reflect::FresnelTable;
-use crate::wet::reflect::march::{March, inverse_of};
 use crate::wet::reflect::pyramid::Pyramid;
 use crate::wet::reflect::view::View;
 use crate::wet::ripples::DropFlux;
@@ -76,6 +75,8 @@ const VALUES_MOST: usize = 4_000_000;
 const DRY_M: f32 = 5e-8;
 /// Steepest slope of a drop's surface: the rim of a half ball stands upright, a drop on glass does not.
 const STEEPEST: f32 = 1.4;
+/// Share of the picture beyond its edges over which it gives way to the world's light.
+const BORDER: f32 = 0.1;
 /// Depth that stands for what has none, m.
 const FAR_M: f32 = 1e4;
 
@@ -95,7 +96,6 @@ pub struct Windscreen {
     pane: Option<(Glass, MadeFor, i64)>,
     heights: Vec<f32>,
     picture: Pyramid,
-    inverse_depth: Vec<f32>,
     world: Option<(WorldLight, InScattering)>,
     fresnel: FresnelTable,
 }
@@ -144,7 +144,6 @@ impl Windscreen {
         self.heights.resize(fine[0] * fine[1], 0.0);
         glass.heights(fits, &mut self.heights)?;
         self.picture.fill(size, picture);
-        inverse_of(&frame.buffer.depth_m, &mut self.inverse_depth);
         let kept = self.world.take().filter(|kept| kept.0 == *frame.light);
         let world = self.world.insert(kept.unwrap_or_else(|| {
             (frame.light.clone(), frame.light.in_scattering(&Phase::HenyeyGreenstein(1.0)))
@@ -152,12 +151,7 @@ impl Windscreen {
         let sight = Sight {
             view: &view,
             picture: &self.picture,
-            march: March {
-                view: &view,
-                inverse_depth: &self.inverse_depth,
-                reach_m: FAR_M,
-                thickness_m: 1.0,
-            },
+            depth_m: &frame.buffer.depth_m,
             world: &world.1,
             front: Vec3::from_array(frame.light.mean_radiance()) * controls.front,
             fresnel: &self.fresnel,
@@ -291,7 +285,7 @@ fn with_margin(size: [usize; 2], heights: &[f32], up: bool) -> Vec<f32> {
 struct Sight<'a> {
     view: &'a View,
     picture: &'a Pyramid,
-    march: March<'a>,
+    depth_m: &'a [f32],
     world: &'a InScattering,
     front: Vec3,
     fresnel: &'a FresnelTable,
@@ -355,17 +349,19 @@ impl Sight<'_> {
         // Light that comes out at a cosine is reflected there as light that goes in at the other side's.
         let mirrored = self.fresnel.at(if cosine > 0.0 { exit.dot(outwards).max(0.0) } else { 0.0 });
         let width = self.view.size[0];
-        let inverse = self.march.inverse_depth[y * width + x];
-        let depth = if inverse > 0.0 { (1.0 / inverse).min(FAR_M) } else { FAR_M };
+        let depth = self.depth_m[y * width + x];
+        let depth = if depth > 0.0 { depth.min(FAR_M) } else { FAR_M };
         let along = ((depth - from.z) / exit.z).max(0.0);
         let at = self.view.pixel(from + exit * along);
         let world = || Vec3::from_array(self.world.diffuse(self.view.to_world(exit)));
-        let share = self.march.share(at);
-        let seen = if share > 0.0 {
+        // Beyond its edges the picture goes on as its edge for a little, and gives way to the world.
+        let size = Vec2::new(self.view.size[0] as f32, self.view.size[1] as f32);
+        let beyond = ((at - at.clamp(Vec2::ZERO, size)) / size).abs().max_element() / BORDER;
+        let seen = if beyond < 1.0 {
             // As wide as what neighbours show lies apart.
             let apart = before.map_or(2.0, |before| before.distance(at));
             let shown = self.picture.at(at, libm::log2f(apart.clamp(1.0, 64.0)));
-            if share < 1.0 { world().lerp(shown, share) } else { shown }
+            if beyond > 0.0 { shown.lerp(world(), beyond) } else { shown }
         } else {
             world()
         };
