@@ -304,7 +304,41 @@ fn what_is_said_counts_though_it_is_usual_and_what_changes_nothing_is_noted() {
     assert_eq!(place.wet("g.exr --rate 25 --with drops --only rain -o o.exr").0, 2);
     let listed = place.answer("--list");
     for effect in listed["effects"].as_array().unwrap() {
-        let off = ["drops", "layers"].contains(&effect["effect"].as_str().unwrap());
+        let off = ["flicker", "drops", "layers", "glass"].contains(&effect["effect"].as_str().unwrap());
         assert_eq!(effect["on"].as_bool(), Some(!off), "{effect}");
     }
+}
+
+#[test]
+fn frames_go_into_one_animated_picture_and_the_pane_before_them_has_drops_and_wipers() {
+    let place = Place::new();
+    let words = "g.exr --rate 25 --with glass --set glass.wipers=60 --set glass.wets=1 --fps 12";
+    let answer = place.answer(&format!("{words} --frames 0..3 -o loop.apng"));
+    assert_eq!(answer["frames"], 3);
+    let bytes = place.read("loop.apng");
+    let decoder = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+    let animation = decoder.info().animation_control.unwrap();
+    assert_eq!((animation.num_frames, animation.num_plays), (3, 0));
+    let glass =
+        answer["effects"].as_array().unwrap().iter().find(|effect| effect["effect"] == "glass").unwrap();
+    assert!(glass["pixels"].as_u64().unwrap() > 50, "{glass}");
+    // The name says it, or the option; one frame, a pattern and layers do not go with it.
+    place.answer(&format!("{words} --frames 0..2 --apng -o same.png"));
+    assert_eq!(place.wet("g.exr --rate 25 -o one.apng").0, 2);
+    assert_eq!(place.wet("g.exr --rate 25 --frames 0..2 --apng -o s.####.png").0, 3);
+    assert_eq!(place.wet("g.exr --rate 25 --frames 0..2 --apng --layers -o s.png").0, 2);
+}
+
+#[test]
+fn an_orthographic_camera_is_told_how_to_go_on_without_rain() {
+    let place = Place::new();
+    let camera = r#""type": "orthographic", "target_m": [0, 8, 3], "direction": [0, 1, -0.4]"#;
+    let camera =
+        format!("{{{camera}, \"half_width_m\": 6, \"half_height_m\": 4, \"width\": 48, \"height\": 32}}");
+    std::fs::write(place.path("o.json"), camera).unwrap();
+    let words = "blind.exr --camera o.json --rate 25 -o o.exr";
+    let (code, _, said) = place.wet(words);
+    assert_eq!(code, 3, "{said}");
+    assert!(said.contains("--without rain") && said.contains("camera"), "{said}");
+    place.answer(&format!("{words} --without rain"));
 }

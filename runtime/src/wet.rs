@@ -11,6 +11,7 @@
 //! | [`glass`] | drops on a pane: they wait, run, merge and leave a film; wipers; no water is lost |
 //! | [`splash`] | splashes where drops hit what a frame shows |
 //! | [`splatter`] | rings that drops leave on surfaces near the camera |
+//! | [`flicker`] | neon that flickers |
 //! | [`halo`] | mist at silhouettes |
 //! | [`layers`] | rainfall as layers over the picture, the paper's baseline |
 //! | [`drip`] | drops that drip from edges |
@@ -28,6 +29,7 @@ pub mod controls;
 pub mod draw;
 pub mod drip;
 pub mod drop;
+pub mod flicker;
 pub mod frame;
 pub mod glass;
 pub mod glow;

@@ -56,8 +56,8 @@ pub fn list_from_to<const N: usize>(
 ) -> impl Fn(&str) -> Result<[f64; N], String> + Clone + Send + Sync + 'static {
     move |text| {
         let found = list::<N>(text).ok().filter(|all| all.iter().all(|value| (low..=high).contains(value)));
-        let wanted = || format!("wanted {N} numbers from {low} to {high} {unit} with commas between them");
-        found.ok_or_else(wanted)
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        found.ok_or_else(|| format!("wanted {N} numbers from {low} to {high}{unit} with commas between them"))
     }
 }
 
@@ -77,6 +77,9 @@ mod tests {
         assert_eq!(from_to(0.0, 2.0, "")("3"), Err("wanted 0 to 2".into()));
         assert_eq!(list::<3>("-3, 0,1e2"), Ok([-3.0, 0.0, 100.0]));
         assert!(list::<3>("1,2").is_err() && list::<2>("1,nan").is_err());
-        assert!(list_from_to::<2>(-1.0, 1.0, "m/s")("0,2").is_err());
+        for (unit, wanted) in [("m/s", "from -1 to 1 m/s with"), ("", "from -1 to 1 with")] {
+            let words = list_from_to::<2>(-1.0, 1.0, unit)("0,2").unwrap_err();
+            assert!(words.contains(wanted), "{words}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! `squall render ASSET -o PICTURE`, or of many frames: `--frames A..B --fps F -o NAME.####.png`
 
-mod animation;
+pub(super) mod animation;
 mod backend;
 mod flashes;
 mod layers;

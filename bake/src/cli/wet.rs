@@ -1,5 +1,6 @@
 //! `squall wet GBUFFER.exr --rate R … -o OUT`
 
+mod animated;
 mod frames;
 mod list;
 mod output;
@@ -56,7 +57,7 @@ pub struct Args {
     /// Effects to draw, and no others: --list has their names.
     #[arg(long, value_name = "EFFECT,…", value_delimiter = ',', value_parser = effect, conflicts_with = "without")]
     only: Vec<Effect>,
-    /// Effects to draw beside those that are on: drops and layers are off unless a view or this asks for them.
+    /// Effects to draw beside those that are on: flicker, drops, layers and glass are off unless a view or this asks for them.
     #[arg(long = "with", value_name = "EFFECT,…", value_delimiter = ',', value_parser = effect, conflicts_with = "only")]
     beside: Vec<Effect>,
     /// Effects to leave out.
@@ -101,9 +102,12 @@ pub struct Args {
     /// Stops to brighten (or, negative, darken) a .png by.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = number::from_to(-64.0, 64.0, ""))]
     stops: f64,
-    /// The wet frame: .png is developed for a display, .exr holds linear light; or a pattern.
+    /// The wet frame: .png is developed for a display, .exr holds linear light, .apng is animated; or a pattern.
     #[arg(short, long, required_unless_present = "list")]
     out: Option<PathBuf>,
+    /// One animated PNG of all frames, which plays for ever; a name that ends in .apng says the same.
+    #[arg(long, conflicts_with_all = ["resume", "layers"])]
+    apng: bool,
     /// Keeps frames that are there, whole, and were made of the same inputs with these settings.
     #[arg(long)]
     resume: bool,
@@ -190,6 +194,12 @@ impl Args {
                 json::usage(&format!("--layer {}: wanted every buffer once, found twice", role.name()));
             }
         }
+    }
+
+    /// Whether all frames go into one animated picture.
+    fn is_animated(&self) -> bool {
+        let named = |out: &PathBuf| out.extension().is_some_and(|end| end.eq_ignore_ascii_case("apng"));
+        self.apng || self.out.as_ref().is_some_and(named)
     }
 
     /// What is said of the buffers. Errors: a camera that cannot be read.

@@ -2,11 +2,12 @@
 //!
 //! | order | effect | looks at |
 //! |---|---|---|
-//! | 1 | lightning on surfaces | the buffers |
+//! | 1 | neon that flickers; lightning on surfaces | the buffers |
 //! | 2 | wet surfaces | the frame lit by it |
 //! | 3 | splatters, splashes, what drips, mist at silhouettes | the wet frame, and what was drawn over it |
 //! | 4 | rain: its medium, which dims by Beer and Lambert's law, and its streaks; drops close to the lens | the wet frame |
 //! | 5 | glow | the lights of the wet frame, before rain is before them |
+//! | 6 | a wet pane between the eye and all of it | the frame with everything that lies over it |
 //!
 //! An effect that is off draws nothing, and the others don't know. The same frame, settings and seed give the same picture, whatever was drawn before.
 
@@ -16,7 +17,9 @@ pub use settings::{Effect, RainControls, WetSettings};
 
 use super::drip::Drips;
 use super::drop::Drops;
+use super::flicker;
 use super::frame::{Layer, WetFrame};
+use super::glass::Windscreen;
 use super::glow::{Glow, paper_fog};
 use super::halo::Halos;
 use super::layers::Layers;
@@ -111,6 +114,7 @@ pub struct WetRenderer {
     drops: Drops,
     rainfall: Layers,
     glow: Glow,
+    windscreen: Windscreen,
     rain: FrameRain,
     layers: Vec<(Effect, Layer)>,
     picture: Vec<[f32; 3]>,
@@ -145,6 +149,7 @@ impl WetRenderer {
             drops: Drops::new(),
             rainfall: Layers::new(0),
             glow: Glow::new(),
+            windscreen: Windscreen::new(),
             rain,
             layers: Vec::new(),
             picture: Vec::new(),
@@ -215,10 +220,8 @@ impl WetRenderer {
             // What is drawn over the frame looks at it as it is by then.
             let colour: &[[f32; 3]] = if rains { wet } else { picture };
             let count = self.effect(*effect, (&WetFrame { colour, ..*frame }, picture), settings, layer)?;
-            layer.onto(picture)?;
+            let pixels = layer.onto(picture)?;
             let seconds = self.now() - start;
-            let touched = |(light, alpha): (&[f32; 3], &f32)| *light != [0.0; 3] || *alpha != 0.0;
-            let pixels = layer.light.iter().zip(&layer.alpha).filter(|pixel| touched(*pixel)).count();
             report.effects.push(EffectReport { effect: *effect, seconds, pixels, count });
         }
         Ok(report)
@@ -237,6 +240,7 @@ impl WetRenderer {
         layer: &mut Layer,
     ) -> Result<usize, RuntimeError> {
         Ok(match effect {
+            Effect::Flicker => flicker::draw(frame, &settings.flicker, layer)?.pixels,
             Effect::Lightning => self.lightning.draw(frame, &settings.lightning, layer)?.pixels,
             Effect::Surface => self.surface.draw(frame, &settings.surface, layer)?.wet,
             Effect::Splatters => self.splatters.draw(frame, &settings.splatters, layer)?.rings as usize,
@@ -253,6 +257,7 @@ impl WetRenderer {
             Effect::Layers => self.rainfall.draw(frame, &settings.layers, layer)?.layers as usize,
             Effect::Rain => rain((&mut self.rain, picture), frame, &settings.rain, layer)?.1,
             Effect::Glow => self.glow.draw((frame, frame.colour), &settings.glow, layer)?.sources,
+            Effect::Glass => self.windscreen.draw((frame, picture), &settings.glass, layer)?.cells as usize,
         })
     }
 }

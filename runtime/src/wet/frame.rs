@@ -155,23 +155,25 @@ impl Layer {
         self.alpha[pixel] = alpha + left * self.alpha[pixel];
     }
 
-    /// Lays the layer over a picture of its size. Pixels that it does not touch keep their bits.
+    /// Lays the layer over a picture of its size; how many pixels it touches. Pixels that it does not touch keep their bits.
     ///
     /// Errors: a picture of another length.
-    pub fn onto(&self, below: &mut [[f32; 3]]) -> Result<(), RuntimeError> {
+    pub fn onto(&self, below: &mut [[f32; 3]]) -> Result<usize, RuntimeError> {
         if below.len() != self.light.len() {
             let wanted = format!("{} pixels", self.light.len());
             return Err(RuntimeError::argument("picture", wanted, below.len()));
         }
+        let mut touched = 0;
         for ((pixel, light), &alpha) in below.iter_mut().zip(&self.light).zip(&self.alpha) {
             if alpha == 0.0 && *light == [0.0; 3] {
                 continue;
             }
+            touched += 1;
             for band in 0..3 {
                 pixel[band] = light[band] + (1.0 - alpha) * pixel[band];
             }
         }
-        Ok(())
+        Ok(touched)
     }
 }
 

@@ -20,10 +20,12 @@ mod cells;
 mod flow;
 mod see;
 mod shadow;
+mod windscreen;
 mod wiper;
 
 pub use cast::{GlassShadows, Pane, PaneLight, ShadowControls, ShadowReport};
 pub use see::Seen;
+pub use windscreen::{Windscreen, WindscreenControls, WindscreenReport};
 pub use wiper::Wiper;
 
 use crate::error::RuntimeError;
@@ -252,6 +254,11 @@ impl Glass {
     /// Water of the pane, ng.
     pub fn water_ng(&self) -> u64 {
         self.cells.mass.iter().map(|&mass| u64::from(mass)).sum()
+    }
+
+    /// Cells that hold water.
+    pub fn wet_cells(&self) -> u64 {
+        self.cells.mass.iter().filter(|&&mass| mass > 0).count() as u64
     }
 
     /// Water that has landed, ng. What is on the pane and what has left it come to this, to the nanogram.

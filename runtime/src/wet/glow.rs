@@ -5,7 +5,8 @@
 //! L Ω T² M(T, α): a kernel K(T, α) = T² M, 1/sr, whose integral is the share of the light that comes scattered. The picture is
 //! split by depth; each part is blurred by a mixture of kernels of doubling width that has K's energy in every ring.
 //!
-//! Mist, beside the rain, dims what is behind it as it scatters: e^{−β d} is left, and the world's light scattered towards the eye comes in its place.
+//! Mist, beside the rain, dims what is behind it as it scatters: e^{−β d} is left, and the world's light scattered towards the eye comes in its place. The
+//! sky, whose distance no buffer tells, is taken to have its mist in it.
 //!
 //! Light below a threshold is left out: the world's even light is in the rain's medium already. The lens's own bloom is [`crate::tone::bloom`].
 //!
@@ -38,7 +39,7 @@ controls! {
         mist: 1.0, 0.0..=100.0, "1/km", "";
         /// Light above so many times the world's mean glows.
         threshold: 4.0, 0.0..=1e6, "", "";
-        /// Distance of the sky's light, as far as rain reaches.
+        /// Distance of lights in the sky, and of the farthest place whose mist counts: as far as rain reaches.
         sky: 1000.0, 1.0..=1e6, "m", "";
         /// Above ½, the glow is a blur after Kawase.
         paper: 0.0, 0.0..=1.0, "", "";
@@ -55,6 +56,8 @@ const DEPTHS: [f64; 6] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
 const LEVELS: usize = 9;
 /// Radius, in pixels of its level, that a kernel's ring begins at.
 const RING: f64 = 0.55;
+/// Pixels between places of the picture at which mist's own light is looked up.
+const NODES_PX: usize = 16;
 /// Points of a ring's midpoint rule.
 const POINTS: usize = 12;
 
@@ -156,21 +159,33 @@ impl Glow {
             }
         };
         let view = View::new(frame.camera);
-        let width = out.size[0];
+        let [width, height] = out.size;
+        // The world's scattered light is smooth: looked up at nodes, and between them told by those.
+        let across = width.div_ceil(NODES_PX) + 1;
+        let nodes: Vec<Vec3> = (0..across * (height.div_ceil(NODES_PX) + 1))
+            .map(|node| {
+                let corner = [node % across, node / across].map(|at| (at * NODES_PX) as f32);
+                let ray = if view.is_parallel() { Vec3::Z } else { view.ray(corner) };
+                let light = world.1.radiance(view.to_world(ray.normalize_or(Vec3::Z)).as_dvec3());
+                Vec3::from_array(light).max(Vec3::ZERO)
+            })
+            .collect();
         let rows = out.light.par_chunks_mut(width).zip(out.alpha.par_chunks_mut(width)).enumerate();
         rows.for_each(|(y, (light, alpha))| {
+            let part = |at: usize| ((at % NODES_PX) as f32 + 0.5) / NODES_PX as f32;
+            let (first, down) = (y / NODES_PX * across, part(y));
             for (x, (light, alpha)) in light.iter_mut().zip(alpha).enumerate() {
                 let depth = frame.buffer.depth_m[y * width + x];
-                if depth.is_nan() || depth <= 0.0 {
+                // The sky's light has come through all the mist that there is: nobody knows from how far.
+                if !(depth > 0.0 && depth.is_finite()) {
                     continue;
                 }
-                let ray = view.place(x, y, 1.0);
-                let slant = if view.is_parallel() { 1.0 } else { ray.length() };
+                let slant = if view.is_parallel() { 1.0 } else { view.place(x, y, 1.0).length() };
                 let hidden = 1.0 - libm::expf(-extinction * (depth * slant).min(controls.sky));
-                let ray = if view.is_parallel() { Vec3::Z } else { ray };
-                let scattered = world.1.radiance(view.to_world(ray / ray.length()).as_dvec3());
+                let (left, along) = (first + x / NODES_PX, part(x));
+                let at = |column: usize| nodes[column].lerp(nodes[column + across], down);
                 *alpha = hidden;
-                *light = scattered.map(|band| band.max(0.0) * hidden);
+                *light = (at(left).lerp(at(left + 1), along) * hidden).into();
             }
         });
         self.world = Some(world);

@@ -48,6 +48,13 @@ pub fn wet_albedo(albedo: f64) -> f64 {
     entering * a * (1.0 - back) / (1.0 - back * a)
 }
 
+/// [`wet_albedo`] over the dry one, which is its limit at black: for a picture's pixels.
+#[inline]
+pub(super) fn wet_share(albedo: f32) -> f32 {
+    const OPEN: f32 = ((1.0 - DIFFUSE_OUTSIDE) * (1.0 - DIFFUSE_INSIDE)) as f32;
+    OPEN / (1.0 - DIFFUSE_INSIDE as f32 * albedo.clamp(0.0, 1.0))
+}
+
 /// [`diffuse_fresnel`] of water from outside, and from inside.
 const DIFFUSE_OUTSIDE: f64 = 0.066_405_8;
 const DIFFUSE_INSIDE: f64 = 0.474_590_6;
@@ -179,6 +186,10 @@ mod tests {
         assert!((wet_albedo(1.0) - (1.0 - DIFFUSE_OUTSIDE)).abs() < 1e-12);
         for albedo in [0.1, 0.3, 0.6] {
             assert!(wet_albedo(albedo) < albedo);
+        }
+        for albedo in [0.01f32, 0.2, 0.7, 1.0] {
+            let wanted = (wet_albedo(f64::from(albedo)) / f64::from(albedo)) as f32;
+            assert!((wet_share(albedo) - wanted).abs() < 1e-6);
         }
         let dry = Material { albedo: [0.3, 0.2, 0.1], roughness: 0.8, porosity: 0.5 };
         assert_eq!(dry.wet(Wetness::default()), dry);

@@ -12,6 +12,7 @@
 //! | σ | `slope`, standard deviation of the facets' slopes | – |
 //! | F | Fresnel's reflection, at the facet's own angle | – |
 
+pub(in crate::wet) mod facets;
 pub mod march;
 pub mod paper;
 pub mod pyramid;
@@ -32,6 +33,10 @@ const SHARES: [f32; 4] = [0.1587, 0.3413, 0.3413, 0.1587];
 const FLATTEST: f32 = 0.01;
 /// Pixels that a fan sweeps below which one ray stands for it.
 const ONE_RAY_PX: f32 = 0.75;
+/// Pixels that a fan sweeps up to which one ray finds how far off its mirror image is, and the others are taken to end as far away.
+const NARROW_PX: f32 = 24.0;
+/// Halvings that find where a ray of a wider fan comes behind something.
+const WIDE_HALVINGS: usize = 2;
 /// Looks between the ends of two rays at most.
 const LOOKS: usize = 8;
 
@@ -62,7 +67,15 @@ pub struct Mirrored {
 type Ended = (End, Vec3);
 
 /// Fresnel's reflection by the cosine, from a table of 256 steps: within 10⁻³.
+#[derive(Clone, Debug)]
 pub struct FresnelTable([f32; FresnelTable::STEPS + 1]);
+
+impl Default for FresnelTable {
+    /// Water's.
+    fn default() -> Self {
+        Self::water()
+    }
+}
 
 impl FresnelTable {
     const STEPS: usize = 256;
@@ -108,19 +121,34 @@ impl Mirror<'_> {
         }
         // Facets that lean aside turn a ray by 2σ cosθ.
         let aside = 2.0 * slope * facing * self.view.focal().x;
-        let ended: [(Ended, Vec3); 5] = BOUNDS.map(|bound| {
-            let facet = (normal + along * (bound * slope)).normalize();
-            let cosine = facet.dot(to_eye);
-            // A facet that turns its back on the eye is not seen; its ray bounds the bin of those that are.
-            let facet = if cosine > 0.0 { facet } else { (facet - to_eye * (cosine - FLATTEST)).normalize() };
+        let ray_of = |facet: Vec3| {
             let mut ray = facet * (2.0 * facet.dot(to_eye)) - to_eye;
             let under = ray.dot(normal);
             if under < 0.0 {
                 // It meets the water again, and leaves it.
                 ray -= normal * (2.0 * under);
             }
-            ((self.march.end(place, ray), ray), facet)
+            ray
+        };
+        let narrow = (swept < NARROW_PX).then(|| {
+            let ray = ray_of(normal);
+            self.march.distance(place, ray, self.march.end(place, ray))
         });
+        let mut ended = [((End::Behind, normal), normal); BOUNDS.len()];
+        for (bound, ended) in BOUNDS.into_iter().zip(&mut ended) {
+            let facet = (normal + along * (bound * slope)).normalize();
+            let cosine = facet.dot(to_eye);
+            // A facet that turns its back on the eye is not seen; its ray bounds the bin of those that are.
+            let facet = if cosine > 0.0 { facet } else { (facet - to_eye * (cosine - FLATTEST)).normalize() };
+            let ray = ray_of(facet);
+            let end = match narrow {
+                Some(distance) => self.march.end_at(place, ray, distance),
+                // Between two ends of a wide fan light is a mean over tens of pixels: a few more or less don't show.
+                None => self.march.end_within(place, ray, WIDE_HALVINGS),
+            };
+            *ended = ((end, ray), facet);
+        }
+        let rays = if narrow.is_some() { 1 } else { BOUNDS.len() as u32 };
         let (mut light, mut weight, mut mean) = (Vec3::ZERO, 0.0, 0.0);
         for (bin, share) in SHARES.into_iter().enumerate() {
             let facet = (ended[bin].1 + ended[bin + 1].1).normalize();
@@ -133,7 +161,7 @@ impl Mirror<'_> {
             mean += seen * reflected;
         }
         let scale = 1.0 / weight.max(1e-12);
-        Mirrored { light: (light * scale).to_array(), fresnel: mean * scale, rays: BOUNDS.len() as u32 }
+        Mirrored { light: (light * scale).to_array(), fresnel: mean * scale, rays }
     }
 
     /// A smooth surface: one ray, the picture as sharp as it is.
@@ -171,7 +199,8 @@ impl Mirror<'_> {
     /// Mean of the picture along a line, which has `inside` of the answer; the world's light has the rest, and what the borders leave.
     fn swept(&self, (from, to): (Vec2, Vec2), inside: f32, aside: f32, world: impl Fn() -> Vec3) -> Vec3 {
         let length = from.distance(to);
-        let looks = ((0.5 * length).ceil() as usize).clamp(1, LOOKS);
+        // No nearer together than what lies aside is blurred.
+        let looks = ((length / aside.max(2.0)).ceil() as usize).clamp(1, LOOKS);
         let level = libm::log2f((length / looks as f32).max(aside).max(1.0));
         let scale = inside / looks as f32;
         let (mut sum, mut weight) = (Vec3::ZERO, 0.0);

@@ -22,7 +22,7 @@ use crate::wet::drop::eye::Eye;
 use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
 use crate::wet::drop::{self, Opacity, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
-use crate::wet::material::{WATER_INDEX, fresnel};
+use crate::wet::surface::nodes::Nodes;
 use glam::Vec2;
 use hits::{Class, Columns, Fall, Hit};
 use sequence::Sequence;
@@ -85,6 +85,7 @@ pub struct Splashes {
     columns: Columns,
     light: LightMemory,
     found: Vec<Found>,
+    far: Nodes<haze::Far>,
 }
 
 /// A splash to draw.
@@ -119,8 +120,8 @@ fn drawn(width_px: f32, smallest: f32) -> f32 {
 impl Splashes {
     /// Makes the sequence: some tens of milliseconds.
     pub fn new() -> Self {
-        let (columns, light, found) = Default::default();
-        Self { sequence: Sequence::bake(), columns, light, found }
+        let (columns, light, found, far) = Default::default();
+        Self { sequence: Sequence::bake(), columns, light, found, far }
     }
 
     /// Clears `out` and draws the splashes of a frame's time into it. Needs depth and normals; surfaces under `maps.height_m` and where `wettable` is 0 have none.
@@ -169,7 +170,7 @@ impl Splashes {
         let mut light = self.light.prepare(frame, &eye, &lights);
         let brush = Brush { frame, eye: &eye, controls, sequence: &self.sequence };
         if controls.haze > 0.0 {
-            report.haze_pixels = brush.haze(&kinds, &fall, &mut light, out);
+            report.haze_pixels = brush.haze(&kinds, &fall, &mut self.far, &mut light, out);
         }
         for found in &mut self.found {
             report.pixels += brush.splash(found, &mut light, out);
@@ -240,7 +241,7 @@ impl Brush<'_, '_> {
             self.sequence.clip(variant, view.min(sequence::VIEWS - 1), *share_of_life, level as usize)
         });
         let blur = libm::roundf(0.7 * level);
-        let opacity = self.opacity();
+        let (opacity, fresnel) = (self.opacity(), light.fresnel);
         let beams = light.beams_from(hit.place, direction);
         let beams = (beams.0 * controls.back_light, beams.1);
         let ball = light.ball(&spot);
@@ -266,7 +267,7 @@ impl Brush<'_, '_> {
                 let flat = (Vec2::new(flip * texel.x, texel.y) / texel.z).clamp_length_max(1.0);
                 let turned = right * flat.x + up * flat.y;
                 let cosine = (1.0 - turned.length_squared()).max(0.0).sqrt();
-                let reflected = fresnel(f64::from(cosine), WATER_INDEX) as f32;
+                let reflected = fresnel.at(cosine);
                 let alpha = opacity.of(texel.z * controls.opacity * strength, reflected);
                 let glint = drop::glint(turned, beams.1);
                 let colour = (ball.radiance(turned, blur) + beams.0 * glint) * opacity.lightning_bias;

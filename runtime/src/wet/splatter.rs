@@ -10,7 +10,6 @@ use crate::wet::drop::eye::{Eye, Spot};
 use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
 use crate::wet::drop::{self, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
-use crate::wet::material::{WATER_INDEX, fresnel};
 use crate::wet::splash::hits::{Class, Columns, Fall, Hit};
 use crate::wet::splash::splashes;
 use glam::{Mat2, Vec2, Vec3};
@@ -237,7 +236,7 @@ fn ring(
             }
             let normal = (hit.normal - slope * controls.slope).normalize_or(hit.normal);
             let cosine = (-direction.dot(normal)).max(0.02);
-            let mirrored = fresnel(f64::from(cosine), WATER_INDEX) as f32;
+            let mirrored = light.fresnel.at(cosine);
             let mirror = direction - 2.0 * direction.dot(normal) * normal;
             let shine = light.surroundings().radiance(mirror) * (mirrored * bias);
             let fringe = controls.opacity * cover;

@@ -4,9 +4,11 @@
 //! and by what the film above reflects before it comes in or goes out; on top comes what the film mirrors ([`super::reflect`]). Where buffers don't tell
 //! parts from one another, all of the light counts as diffuse. A pixel that is dry keeps its bits.
 //!
-//! The film of rough ground is looked at for every other pixel along both axes, puddles for every one.
+//! The film of rough ground is looked at for every eighth pixel along both axes, and nearer together where these looks differ; puddles for every pixel.
 
+mod film;
 pub mod lightning;
+pub(super) mod nodes;
 pub mod puddles;
 mod task;
 pub mod water;
@@ -20,7 +22,7 @@ use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
-use crate::wet::material::{Material, Wetness, WetnessRates};
+use crate::wet::material::{Material, Wetness, WetnessRates, wet_share};
 use crate::wet::puddle::RippleLookup;
 use crate::wet::ripples::RippleSettings;
 use crate::wet::splash::hits::Fall;
@@ -75,6 +77,8 @@ controls! {
         reach: 1000.0, 0.1..=1e6, "m", "";
         /// How thick things are behind what the camera sees of them.
         thickness: 2.0, 0.001..=1e4, "m", "";
+        /// How far what nodes mirror may differ for what lies between to be told by them, as a share; at 0 every film is looked at.
+        tolerance: 0.1, 0.0..=1.0, "", "";
         /// Above ½, streaks are the paper's: a mirror image smeared by distance.
         paper_streaks: 0.0, 0.0..=1.0, "", "";
         /// How many pixels a metre of distance smears them, of a picture of 1080 rows.
@@ -139,15 +143,14 @@ const MEAN_REFLECTION: f32 = 0.066_405_8;
 /// A film at an angle at which it reflects F lets (1 − F)/(1 − s F̄) of the mean out: F̄ is the mean over all angles, and s the porosity times the
 /// wetness, as wet albedo has F̄ in it to that share. On a smooth surface, and on one that is black to diffuse light, 1 − F is left.
 pub fn wet_surface(pixel: &SurfacePixel, light: &SurfaceLight) -> WetPixel {
-    let wet = pixel.material.wet(pixel.wetness);
     let film = pixel.film.clamp(0.0, 1.0);
     let soaked = pixel.material.porosity.clamp(0.0, 1.0) * pixel.wetness.share.clamp(0.0, 1.0);
     let out = |soaked: f32| 1.0 - film + film * (1.0 - light.fresnel) / (1.0 - soaked * MEAN_REFLECTION);
+    let (above, black) = (out(soaked), out(0.0));
     let kept = std::array::from_fn(|band| {
-        let dry = pixel.material.albedo[band].max(DARKEST);
-        let (wet, soaked) =
-            if wet.albedo[band] > DARKEST { (wet.albedo[band] / dry, soaked) } else { (1.0, 0.0) };
-        (wet * out(soaked)).min(1.0)
+        let dry = pixel.material.albedo[band];
+        let left = 1.0 + soaked * (wet_share(dry) - 1.0);
+        (if dry * left > DARKEST { left * above } else { black }).min(1.0)
     });
     WetPixel { kept, mirrored: light.mirrored.map(|value| value * film) }
 }
@@ -175,6 +178,8 @@ pub struct Surface {
     world: Option<(WorldLight, InScattering)>,
     states: Vec<State>,
     inverse_depth: Vec<f32>,
+    nodes: nodes::Nodes<Look>,
+    looks: film::Films,
     films: Vec<Film>,
     smear: Smear,
     tables: [FresnelTable; 2],
@@ -197,6 +202,19 @@ struct State {
     puddle: f32,
 }
 
+/// What lies under a look of two by two pixels.
+#[derive(Clone, Copy, Default)]
+struct Ground {
+    /// The pixel whose film is looked at, and the one whose water is.
+    pixel: [usize; 2],
+    most: [usize; 2],
+    /// Standard deviation of the film's slopes; below 0 there is no film.
+    slope: f32,
+    normal: Vec3,
+    /// 0 where nothing is wet.
+    depth: f32,
+}
+
 /// What the film of every other pixel mirrors.
 #[derive(Clone, Copy, Default)]
 struct Film {
@@ -204,9 +222,44 @@ struct Film {
     standing: Mirrored,
     light: [f32; 3],
     fresnel: f32,
+    /// Whether there is a film.
+    shown: bool,
     normal: Vec3,
     depth: f32,
     rays: u32,
+}
+
+/// What a place is told of the rain and of water.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Look {
+    /// Whether rain comes there, and whether it would without wind.
+    open: bool,
+    open_when_calm: bool,
+    /// Depth of water when puddles are full, and where its own puddle is deepest, m.
+    basin: [f32; 2],
+}
+
+impl Look {
+    /// Between nodes that agree.
+    fn between(around: &nodes::Around<'_, Self>) -> Option<Self> {
+        let mut all: Option<Self> = None;
+        for (node, weight) in around.told() {
+            let [depth, deepest] = node.value.basin;
+            let part = weight * depth;
+            match &mut all {
+                None => all = Some(Self { basin: [part, deepest], ..node.value }),
+                Some(all) => {
+                    let (open, calm) =
+                        (all.open == node.value.open, all.open_when_calm == node.value.open_when_calm);
+                    if !(open && calm && all.basin[1] == deepest) {
+                        return None;
+                    }
+                    all.basin[0] += part;
+                }
+            }
+        }
+        all
+    }
 }
 
 /// Roughness from which surfaces have pores, and from which they are full of them.
@@ -229,6 +282,8 @@ impl Surface {
             world: None,
             states: Vec::new(),
             inverse_depth: Vec::new(),
+            nodes: nodes::Nodes::default(),
+            looks: film::Films::default(),
             films: Vec::new(),
             smear: Smear::default(),
             tables: [FresnelTable::water(), FresnelTable::paper()],
@@ -292,11 +347,12 @@ impl Surface {
                 origin_m: [0.0; 2],
             },
         };
-        task.films(&mut self.films);
+        self.looks.look(&task, &mut self.films);
         if controls.paper_streaks > 0.5 {
             task.smear(&mut self.films, &mut self.smear);
         }
         let rays = task.lay(&self.films, out)
+            + self.looks.table_rays()
             + self.films.iter().map(|film| (film.rays + film.standing.rays) as usize).sum::<usize>();
         self.world = Some((frame.light.clone(), world));
         Ok(SurfaceReport { wet, puddles, rays })
@@ -325,26 +381,37 @@ impl Surface {
         let calm = fall.calm();
         self.hollows.know(frame.maps.water_m.as_ref());
         let (width, hollows) = (buffer.size[0], &self.hollows);
+        let look = |offset: Vec3, normal: Vec3| {
+            let place = view.eye + offset.as_dvec3();
+            let before = fall.before(place, normal);
+            Look {
+                open: !fall.sheltered(before, speed),
+                open_when_calm: !calm.sheltered(before, speed),
+                basin: hollows.basin((place.truncate(), normal), frame.maps, controls),
+            }
+        };
+        self.nodes.fill(buffer, view, look);
+        let nodes = &self.nodes;
         let row = |(y, states): (usize, &mut [State])| {
             for (x, state) in states.iter_mut().enumerate() {
                 let at = y * width + x;
                 let depth = buffer.depth_m[at];
-                let open = buffer.wettable.as_ref().map_or(1.0, |mask| mask[at]).clamp(0.0, 1.0);
-                if !(depth > 0.0 && depth.is_finite() && open > 0.0) {
+                let wets = buffer.wettable.as_ref().map_or(1.0, |mask| mask[at]).clamp(0.0, 1.0);
+                if !(depth > 0.0 && depth.is_finite() && wets > 0.0) {
                     continue;
                 }
                 let Some(normal) = buffer.unit_normal(at) else { continue };
-                let place = view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
-                let before = fall.before(place, normal);
+                let offset = view.to_world(view.place(x, y, depth));
+                let told = nodes.around([x, y], offset, normal);
+                let told = told.and_then(|around| Look::between(&around));
+                let told = told.unwrap_or_else(|| look(offset, normal));
                 // Rain on a slope falls on more or less of it; walls get what runs down, in the lee too.
-                let met = -normal.dot(falls);
-                let met = if met > 0.0 && !fall.sheltered(before, speed) { met } else { 0.0 };
+                let met = if told.open { (-normal.dot(falls)).max(0.0) } else { 0.0 };
                 let runs = controls.walls * (1.0 - normal.z.abs());
-                let runs = if runs > met && !calm.sheltered(before, speed) { runs } else { 0.0 };
-                state.wetness = wetness(met.max(runs) * open);
+                let runs = if told.open_when_calm { runs } else { 0.0 };
+                state.wetness = wetness(met.max(runs) * wets);
                 if state.wetness > 0.0 {
-                    let water =
-                        hollows.depth_m((place.truncate(), normal), (frame.maps, full * open), controls);
+                    let water = puddles::depth_m(told.basin, normal, full * wets);
                     state.puddle = (water * controls.influence).clamp(0.0, 1.0);
                 }
             }

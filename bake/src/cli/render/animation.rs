@@ -11,6 +11,7 @@ use squall_runtime::tone::Tone;
 use squall_runtime::{Frame, StormRenderer};
 use std::fs::File;
 use std::io::{BufWriter, Seek};
+use std::path::Path;
 
 impl Sequence<'_> {
     /// Draws all frames into one animated PNG, each encoded as it comes: memory does not grow with their number.
@@ -27,14 +28,9 @@ impl Sequence<'_> {
         let count = self.range.end - self.range.first;
         bars.begin("frames", count);
         let mut made = Made::default();
-        // A name in its folder would be swept by nobody: the file has none.
-        let scratch = match Place::of(self.out)? {
-            Place::File(file) => tempfile::tempfile_in(folder_of(&file)),
-            Place::Stdout | Place::Stream(_) => tempfile::tempfile(),
-        };
-        let mut scratch = scratch.map_err(BakeError::io(self.out, "write"))?;
+        let scratch = scratch_for(self.out)?;
         let size = [still.camera.width, still.camera.height];
-        let animation = Animation::begin(&mut scratch, size, count as u32, delay);
+        let animation = Animation::begin(&scratch, size, count as u32, delay);
         let mut animation = animation.map_err(BakeError::io(self.out, "write"))?;
         for number in self.range.first..self.range.end {
             bars.check()?;
@@ -54,20 +50,35 @@ impl Sequence<'_> {
 
     /// How long a frame of an animated picture stands. Errors: a name that is not one PNG's; a rate that the format has no time for.
     fn check_animated(&self) -> Result<(u16, u16), BakeError> {
-        let bad = |wanted: &str| BakeError::input(self.out, "output", wanted, self.out.display());
-        if Pattern::of(self.out)?.is_some() {
-            return Err(bad("a name without #, as every frame goes into one animated picture"));
-        }
-        let end = self.out.extension().and_then(|end| end.to_str());
-        if matches!(Place::of(self.out)?, Place::File(_)) && !matches!(end, Some("png" | "apng")) {
-            return Err(bad("a name that ends in .png or .apng for an animated picture"));
-        }
-        delay(self.fps).ok_or_else(|| BakeError::Setting {
-            field: "--fps",
-            wanted: "1/65535 to 60000 frames a second, which an animated PNG can hold".into(),
-            found: self.fps.to_string(),
-        })
+        delay_of(self.out, self.fps)
     }
+}
+
+/// How long a frame of an animated picture stands, as two numbers of 16 bits. Errors: a name that is not one PNG's; a rate that the format has no time for.
+pub(in crate::cli) fn delay_of(out: &Path, fps: f64) -> Result<(u16, u16), BakeError> {
+    let bad = |wanted: &str| BakeError::input(out, "output", wanted, out.display());
+    if Pattern::of(out)?.is_some() {
+        return Err(bad("a name without #, as every frame goes into one animated picture"));
+    }
+    let end = out.extension().and_then(|end| end.to_str());
+    if matches!(Place::of(out)?, Place::File(_)) && !matches!(end, Some("png" | "apng")) {
+        return Err(bad("a name that ends in .png or .apng for an animated picture"));
+    }
+    delay(fps).ok_or_else(|| BakeError::Setting {
+        field: "--fps",
+        wanted: "1/65535 to 60000 frames a second, which an animated PNG can hold".into(),
+        found: fps.to_string(),
+    })
+}
+
+/// Where an animated picture for `out` is put together. Errors: the system's refusal.
+pub(in crate::cli) fn scratch_for(out: &Path) -> Result<File, BakeError> {
+    // A name in its folder would be swept by nobody: the file has none.
+    let scratch = match Place::of(out)? {
+        Place::File(file) => tempfile::tempfile_in(folder_of(&file)),
+        Place::Stdout | Place::Stream(_) => tempfile::tempfile(),
+    };
+    scratch.map_err(BakeError::io(out, "write"))
 }
 
 /// How long a frame of an animated PNG stands, s, as two numbers of 16 bits; `None` where they hold no such time.
@@ -79,16 +90,16 @@ fn delay(fps: f64) -> Option<(u16, u16)> {
 }
 
 /// An animated PNG that plays for ever, in the making.
-struct Animation<'a>(png::Writer<BufWriter<&'a mut File>>);
+pub(in crate::cli) struct Animation(png::Writer<BufWriter<File>>);
 
-impl<'a> Animation<'a> {
-    fn begin(
-        file: &'a mut File,
+impl Animation {
+    pub(in crate::cli) fn begin(
+        file: &File,
         [width, height]: [u32; 2],
         frames: u32,
         (numerator, denominator): (u16, u16),
     ) -> std::io::Result<Self> {
-        let mut encoder = png::Encoder::new(BufWriter::new(file), width, height);
+        let mut encoder = png::Encoder::new(BufWriter::new(file.try_clone()?), width, height);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
@@ -98,11 +109,11 @@ impl<'a> Animation<'a> {
         Ok(Self(encoder.write_header().map_err(std::io::Error::other)?))
     }
 
-    fn add(&mut self, frame: &[[u8; 3]]) -> std::io::Result<()> {
+    pub(in crate::cli) fn add(&mut self, frame: &[[u8; 3]]) -> std::io::Result<()> {
         self.0.write_image_data(frame.as_flattened()).map_err(std::io::Error::other)
     }
 
-    fn end(self) -> std::io::Result<()> {
+    pub(in crate::cli) fn end(self) -> std::io::Result<()> {
         self.0.finish().map_err(std::io::Error::other)
     }
 }

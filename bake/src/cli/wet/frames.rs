@@ -1,6 +1,7 @@
 //! Frame after frame: buffers read, made wet, written as soon as each is there.
 
-use super::output::{Mark, encode};
+use super::animated::Animated;
+use super::output::{Mark, encode, picture_of};
 use super::{Args, Range, json};
 use crate::cli::folder::{OutputFolder, check_apart};
 use crate::cli::picture::{Format, PictureFile};
@@ -15,6 +16,7 @@ use squall_bake::output::{Place, folder_of, pending, write_atomically};
 use squall_bake::progress::Progress;
 use squall_formats::section::view::ViewSection;
 use squall_formats::units::MillimetresPerHour;
+use squall_runtime::camera::Projection;
 use squall_runtime::frame::tone_of;
 use squall_runtime::glam::DVec3;
 use squall_runtime::picture::Picture;
@@ -52,6 +54,7 @@ pub struct Sequence {
     stops: f32,
     folder: Option<OutputFolder>,
     single: Option<PictureFile>,
+    animated: Option<Animated>,
 }
 
 /// What became of it.
@@ -102,7 +105,9 @@ impl Sequence {
         let files = files_of(gbuffer, args.frames)?;
         let many = files.len() > 1 || args.frames.is_some();
         let (mut folder, mut single) = (None, None);
+        let animated = args.is_animated().then(|| Animated::of(args, out, many)).transpose()?;
         let format = match many {
+            _ if animated.is_some() => Format::Png,
             false => {
                 let place = PictureFile::prepare(out, None)?;
                 let format = place.format();
@@ -111,12 +116,12 @@ impl Sequence {
             }
             true => format_of(out)?,
         };
-        let pattern = if many { Some(pattern_of(out)?) } else { None };
+        let pattern = if many && animated.is_none() { Some(pattern_of(out)?) } else { None };
         if args.layers && format == Format::Png {
             let wanted = "a name that ends in .exr, which holds layers";
             return Err(BakeError::input(out, "output", wanted, out.display()));
         }
-        if many {
+        if pattern.is_some() {
             folder = Some(OutputFolder::prepare(folder_of(out))?);
         }
         let place = |number: Option<u64>| match (&pattern, number) {
@@ -130,7 +135,7 @@ impl Sequence {
         if many {
             let inputs: Vec<PathBuf> = steps.iter().map(|step| step.input.clone()).collect();
             for step in &steps {
-                if !matches!(Place::of(&step.out)?, Place::File(_)) {
+                if animated.is_none() && !matches!(Place::of(&step.out)?, Place::File(_)) {
                     return Err(BakeError::input(&step.out, "output", "a file", "a device or pipe"));
                 }
                 check_apart(&[step.out.as_path()], inputs.iter())?;
@@ -157,6 +162,7 @@ impl Sequence {
             stops: args.stops as f32,
             folder,
             single,
+            animated,
         })
     }
 
@@ -171,6 +177,7 @@ impl Sequence {
         bars: &Bars,
     ) -> anyhow::Result<Made> {
         let (mut made, mut shared) = (Made::default(), None);
+        let mut animated = self.animated.take();
         let count = self.steps.len();
         bars.begin("frames", count as u64);
         let flux = flux_of(MillimetresPerHour(self.rate));
@@ -182,10 +189,11 @@ impl Sequence {
         for number in 0..count {
             bars.check()?;
             let step = &self.steps[number];
+            let animated = &mut animated;
             let result = self.frame(
                 (step, &flux, &said),
                 (renderer, settings, reading, (asset, maps)),
-                (&mut taken, &mut shared, &mut made),
+                (&mut taken, &mut shared, &mut made, animated),
             );
             match result {
                 Ok(()) => {
@@ -193,15 +201,17 @@ impl Sequence {
                     if let Some(folder) = &mut self.folder {
                         folder.keep();
                     }
-                    pending::note_written();
-                    pending::set_note(Some(format!(
-                        "{} of {count} frames are there; --resume goes on",
-                        number + 1
-                    )));
+                    if animated.is_none() {
+                        pending::note_written();
+                        let there = number + 1;
+                        pending::set_note(Some(format!(
+                            "{there} of {count} frames are there; --resume goes on"
+                        )));
+                    }
                 }
                 Err(error) => {
                     let bad_frame = crate::cli::exit_code(&error) == 3;
-                    if !bad_frame || !self.many || self.strict {
+                    if !bad_frame || !self.many || self.strict || animated.is_some() {
                         return Err(error);
                     }
                     let name = self.steps[number].input.display().to_string();
@@ -211,6 +221,9 @@ impl Sequence {
             bars.advance(1);
         }
         pending::set_note(None);
+        if let Some(animated) = animated {
+            animated.end()?;
+        }
         Ok(made)
     }
 
@@ -223,7 +236,12 @@ impl Sequence {
             &Reading,
             (&[u8], &WetMaps),
         ),
-        (taken, shared, made): (&mut Option<(PathBuf, TakenBuffer)>, &mut Option<Shared>, &mut Made),
+        (taken, shared, made, animated): (
+            &mut Option<(PathBuf, TakenBuffer)>,
+            &mut Option<Shared>,
+            &mut Made,
+            &mut Option<Animated>,
+        ),
     ) -> anyhow::Result<()> {
         let input = picture_file(&step.input)?;
         let read = |taken: &mut Option<(PathBuf, TakenBuffer)>| -> Result<(), BakeError> {
@@ -250,6 +268,11 @@ impl Sequence {
         }
         read(taken)?;
         let Some((_, buffers)) = taken.as_ref() else { return Ok(()) };
+        let parallel = matches!(buffers.camera.projection, Projection::Orthographic { .. });
+        if parallel && self.rate > 0.0 && all.settings.is_on(Effect::Rain) {
+            let wanted = "a perspective one, as rain is drawn for no other; --without rain leaves it out";
+            return Err(BakeError::input(&step.input, "camera", wanted, "an orthographic one").into());
+        }
         let frame = WetFrame {
             buffer: &buffers.buffer,
             colour: &buffers.buffer.colour,
@@ -264,6 +287,10 @@ impl Sequence {
             lightning: self.lightning,
         };
         made.effects = renderer.draw(&frame, &all.settings)?.effects;
+        if let Some(animated) = animated {
+            let developed = all.tone.to_srgb8(&picture_of(renderer, &frame));
+            return Ok(animated.add((frame.buffer.size, &developed), self.steps.len())?);
+        }
         let bytes = encode((renderer, &frame), (self.format, self.layers), &all.tone, &mark)?;
         match &self.single {
             Some(place) => place.write_bytes(&bytes),

@@ -47,6 +47,12 @@ impl Mark {
     }
 }
 
+/// The last frame that `renderer` drew.
+pub fn picture_of(renderer: &WetRenderer, frame: &WetFrame<'_>) -> Picture {
+    let [width, height] = frame.buffer.size;
+    Picture { width, height, pixels: renderer.picture().to_vec() }
+}
+
 /// Bytes of the last frame that `renderer` drew.
 ///
 /// Errors: none that its own picture brings about.
@@ -59,8 +65,7 @@ pub fn encode(
     let [width, height] = frame.buffer.size;
     let failed = BakeError::io(Path::new("picture"), "encode");
     if format == Format::Png {
-        let picture = Picture { width, height, pixels: renderer.picture().to_vec() };
-        return encode_png8_noted(&picture, tone, Some(mark.note())).map_err(failed);
+        return encode_png8_noted(&picture_of(renderer, frame), tone, Some(mark.note())).map_err(failed);
     }
     let mut channels: Vec<(String, ChannelValues)> = Vec::new();
     let mut add = |name: String, values: Vec<f32>| channels.push((name, ChannelValues::Floats(values)));

@@ -4,6 +4,8 @@ use crate::error::RuntimeError;
 use crate::wet::controls::{Parameter, controls};
 use crate::wet::drip::DripControls;
 use crate::wet::drop::DropControls;
+use crate::wet::flicker::FlickerControls;
+use crate::wet::glass::WindscreenControls;
 use crate::wet::glow::GlowControls;
 use crate::wet::halo::HaloControls;
 use crate::wet::layers::LayerControls;
@@ -101,6 +103,8 @@ macro_rules! effects {
 }
 
 effects! {
+    /// Neon that flickers, and with it what mirrors it; off unless it is asked for.
+    Flicker, "flicker", flicker: FlickerControls, "6.3";
     /// Light of lightning on surfaces.
     Lightning, "lightning", lightning: LightningControls, "6.1";
     /// Wet surfaces: darkened, filmed over, with puddles, ripples and what they mirror.
@@ -121,6 +125,8 @@ effects! {
     Layers, "layers", layers: LayerControls, "3.1";
     /// Glow around lights.
     Glow, "glow", glow: GlowControls, "6.2";
+    /// A wet pane between the eye and the scene, a windscreen or a window; off unless it is asked for.
+    Glass, "glass", glass: WindscreenControls, "5";
 }
 
 impl Effect {
@@ -131,13 +137,13 @@ impl Effect {
 
     /// Whether it belongs to the scene, so that what comes later looks at it.
     pub(super) fn is_before_the_rain(self) -> bool {
-        !matches!(self, Self::Rain | Self::Drops | Self::Layers | Self::Glow)
+        !matches!(self, Self::Rain | Self::Drops | Self::Layers | Self::Glow | Self::Glass)
     }
 }
 
 impl WetSettings {
     /// Effects that are off unless they are asked for.
-    pub const OFF: [Effect; 2] = [Effect::Drops, Effect::Layers];
+    pub const OFF: [Effect; 4] = [Effect::Flicker, Effect::Drops, Effect::Layers, Effect::Glass];
 
     /// Whether [`Self::set`] has set a control, to whatever value: its usual one counts as well.
     pub fn is_said(&self, effect: Effect, name: &str) -> bool {

@@ -43,12 +43,19 @@ fn once(direction: Vec3, normal: Vec3) -> (Vec3, f32) {
     (paper_through(direction, normal), kept)
 }
 
-/// What drops show, a tile of the picture each.
+/// What drops show, a tile of the picture each. Its memory is kept.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct BallMap {
-    tiles: Vec<Option<Box<Table>>>,
+    /// Where a tile's table lies in `tables`; [`NONE`] where no drop has asked for it.
+    tiles: Vec<usize>,
+    tables: Vec<Table>,
+    /// Tables of this frame.
+    used: usize,
     paper: bool,
 }
+
+/// A tile without a table.
+const NONE: usize = usize::MAX;
 
 /// Radiance by the normal, level after level.
 type Table = [Vec3; ENTRIES];
@@ -64,7 +71,8 @@ impl BallMap {
     pub fn clear(&mut self, paper: bool) {
         self.paper = paper;
         self.tiles.clear();
-        self.tiles.resize(TILES[0] * TILES[1], None);
+        self.tiles.resize(TILES[0] * TILES[1], NONE);
+        self.used = 0;
     }
 
     /// What drops at pixel coordinates show.
@@ -73,18 +81,26 @@ impl BallMap {
         let (top, v) = between(y, eye.size[1], TILES[1]);
         let first = top * TILES[0] + left;
         let around = [first, first + 1, first + TILES[0], first + TILES[0] + 1];
-        let paper = self.paper;
-        for index in around {
-            self.tiles[index].get_or_insert_with(|| {
-                let [column, row] = [index % TILES[0], index / TILES[0]];
-                let middle =
-                    |k: usize, axis: usize| (k as f32 + 0.5) / TILES[axis] as f32 * eye.size[axis] as f32;
-                Box::new(fill(eye, world, eye.direction(middle(column, 0), middle(row, 1)), paper))
-            });
-        }
+        let places = around.map(|index| self.table(index, eye, world));
         let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-        let table = |k: usize| (weights[k], &**self.tiles[around[k]].as_ref().expect("made above"));
-        Ball { tables: std::array::from_fn(table) }
+        Ball { tables: std::array::from_fn(|k| (weights[k], &self.tables[places[k]])) }
+    }
+
+    /// Where the table of a tile lies; it is made when it is first asked for.
+    fn table(&mut self, index: usize, eye: &Eye, world: &Surroundings<'_>) -> usize {
+        if self.tiles[index] == NONE {
+            let [column, row] = [index % TILES[0], index / TILES[0]];
+            let middle =
+                |k: usize, axis: usize| (k as f32 + 0.5) / TILES[axis] as f32 * eye.size[axis] as f32;
+            let table = fill(eye, world, eye.direction(middle(column, 0), middle(row, 1)), self.paper);
+            match self.tables.get_mut(self.used) {
+                Some(old) => *old = table,
+                None => self.tables.push(table),
+            }
+            self.tiles[index] = self.used;
+            self.used += 1;
+        }
+        self.tiles[index]
     }
 }
 

@@ -7,6 +7,7 @@ use crate::phase::henyey_greenstein;
 use crate::shade::sky::harmonics::Y0;
 use crate::wet::frame::WetFrame;
 use crate::wet::maps::{GroundMap, WetMaps};
+use crate::wet::reflect::FresnelTable;
 use crate::world::{InScattering, WorldLight};
 use glam::{DVec3, Vec2, Vec3};
 
@@ -25,6 +26,7 @@ pub(crate) struct LightMemory {
     known: Option<Box<(WorldLight, InScattering)>>,
     small: Vec<Vec3>,
     balls: BallMap,
+    fresnel: FresnelTable,
 }
 
 /// The world as a drop sees it: this frame's picture made small, and the world's light outside it.
@@ -45,6 +47,8 @@ pub(crate) struct DropLight<'a> {
     /// Irradiance of each key direction's lightning now.
     flashes: [f32; 2],
     lamp_height_m: f32,
+    /// Water's reflection.
+    pub fresnel: &'a FresnelTable,
 }
 
 /// What an artist says of light, of every effect alike.
@@ -66,8 +70,8 @@ impl LightMemory {
         eye: &'a Eye,
         controls: &LightControls,
     ) -> DropLight<'a> {
-        let Self { known, small, balls } = self;
-        let kept = known.take().filter(|known| known.0 == *frame.light);
+        let Self { known, small, balls, fresnel } = self;
+        let kept = known.take().filter(|kept| kept.0 == *frame.light);
         let (_, world) = &**known.insert(kept.unwrap_or_else(|| {
             let mirror = frame.light.in_scattering(&Phase::HenyeyGreenstein(MIRROR_ASYMMETRY));
             Box::new((frame.light.clone(), mirror))
@@ -81,6 +85,7 @@ impl LightMemory {
             world: frame.light,
             flashes: frame.lightning.map(|l| l.max(0.0) * controls.flash),
             lamp_height_m: controls.lamp_height_m,
+            fresnel,
         }
     }
 }

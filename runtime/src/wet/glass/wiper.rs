@@ -63,12 +63,43 @@ impl Glass {
 
     /// Cells with water that the blade goes over, and what it takes.
     fn swept<'a>(&'a self, wiper: &'a Wiper, from: f64, to: f64) -> impl Iterator<Item = (usize, u32)> + 'a {
-        self.cells.mass.iter().enumerate().filter(|&(_, &mass)| mass > 0).filter_map(move |(cell, &mass)| {
+        let [columns, rows] = self.around(wiper, from, to);
+        let width = self.settings.cells[0];
+        let cells = rows.flat_map(move |y| columns.clone().map(move |x| y * width + x));
+        cells.filter_map(move |cell| {
+            let mass = self.cells.mass[cell];
+            if mass == 0 {
+                return None;
+            }
             let (radius, angle) = self.polar(wiper, cell);
             let within = (wiper.inner_m..=wiper.outer_m).contains(&radius);
             let turned = turn_from(from, angle) / (to - from);
             let taken = mass - (f64::from(mass) * wiper.leaves) as u32;
             (within && (0.0..=1.0).contains(&turned) && taken > 0).then_some((cell, taken))
+        })
+    }
+
+    /// Columns and rows of cells that a turn goes over, and some around.
+    fn around(&self, wiper: &Wiper, from: f64, to: f64) -> [std::ops::Range<usize>; 2] {
+        /// Turns in steps of which an arc is told by its ends, and how far it bulges over them, as a share of its radius.
+        const STEPS: usize = 16;
+        const BULGE: f64 = 0.02;
+        let spacing = self.settings.spacing_m;
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for step in 0..=STEPS {
+            let (sin, cos) = libm::sincos(from + (to - from) * step as f64 / STEPS as f64);
+            for radius in [wiper.inner_m, wiper.outer_m] {
+                for (axis, part) in [cos, sin].into_iter().enumerate() {
+                    let at = wiper.pivot_m[axis] + radius * part;
+                    (low[axis], high[axis]) = (low[axis].min(at), high[axis].max(at));
+                }
+            }
+        }
+        [0, 1].map(|axis| {
+            let bulge = BULGE * wiper.outer_m + spacing;
+            let cells = self.settings.cells[axis] as f64;
+            let first = ((low[axis] - bulge) / spacing).clamp(0.0, cells) as usize;
+            first..(libm::ceil((high[axis] + bulge) / spacing).clamp(0.0, cells) as usize).max(first)
         })
     }
 

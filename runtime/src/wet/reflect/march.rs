@@ -57,6 +57,11 @@ pub fn inverse_of(depth_m: &[f32], out: &mut Vec<f32>) {
 impl March<'_> {
     /// Follows a ray from a place, in the camera's axes, in unit `direction`.
     pub fn end(&self, from: Vec3, direction: Vec3) -> End {
+        self.end_within(from, direction, HALVINGS)
+    }
+
+    /// The same, where it comes behind something found by so many halvings of a step.
+    pub fn end_within(&self, from: Vec3, direction: Vec3, halvings: usize) -> End {
         let length = if direction.z < 0.0 {
             self.reach_m.min((NEAR_M - from.z) / direction.z).max(0.0)
         } else {
@@ -78,25 +83,31 @@ impl March<'_> {
         // Along the picture's axis that a ray mostly follows, looks fall on pixels' middles: depth needs no mixing there.
         let axis = usize::from(way.y.abs() > way.x.abs());
         let per_pixel = 1.0 / way[axis];
-        let (mut before, mut last) = (0.0, from.z);
+        let mut before = 0.0;
+        let (scale, least) = (inside / (steps * steps) as f32, 0.25 * steps as f32);
         for step in 1..=steps {
-            let f = step as f32 / steps as f32;
             // Short steps where a thing stands on what mirrors it.
-            let u = inside * f * (0.25 + 0.75 * f);
+            let step = step as f32;
+            let u = scale * step * (least + 0.75 * step);
             let u = if span > 1.0 {
-                (libm::floorf(a[axis] + u * way[axis]) + 0.5 - a[axis]) * per_pixel
+                ((a[axis] + u * way[axis]) as i32 as f32 + 0.5 - a[axis]) * per_pixel
             } else {
                 u
             };
             if u <= before {
                 continue;
             }
-            let z = depth(u);
-            let scene = self.nearest(a.lerp(b, u));
-            if z > scene * (1.0 + BEHIND) && z - scene < self.thickness_m + (z - last).abs() {
-                return self.found((a, b), (before, u), &depth);
+            let value = za + u * (zb - za);
+            let scene = self.nearest(a + way * u);
+            // Of parallel rays `value` is depth, of others its inverse, as the scene's is.
+            let behind = if parallel { value * scene > 1.0 + BEHIND } else { value * (1.0 + BEHIND) < scene };
+            if behind {
+                let (z, scene) = (depth(u), 1.0 / scene);
+                if z - scene < self.thickness_m + (z - depth(before)).abs() {
+                    return self.found((a, b), (before, u), halvings, &depth);
+                }
             }
-            (before, last) = (u, z);
+            before = u;
         }
         match (direction.z > 0.0 || parallel, inside < 1.0) {
             (false, _) => End::Behind,
@@ -112,14 +123,37 @@ impl March<'_> {
         }
     }
 
+    /// How far from a place a ray in a unit direction ended, m: as far as rays go where it met nothing.
+    pub fn distance(&self, from: Vec3, direction: Vec3, end: End) -> f32 {
+        let End::Seen(at) = end else { return self.reach_m };
+        let depth = self.scene(at);
+        let place = self.view.ray(at.to_array());
+        let place = if self.view.is_parallel() { place.with_z(depth) } else { place * depth };
+        let length = (place - from).dot(direction);
+        if length > 0.0 { length.min(self.reach_m) } else { self.reach_m }
+    }
+
+    /// Where a ray in a unit direction is seen to end that goes so far, m, whatever stands in its way.
+    pub fn end_at(&self, from: Vec3, direction: Vec3, distance: f32) -> End {
+        let place = from + direction * distance;
+        if place.z <= NEAR_M {
+            return End::Behind;
+        }
+        let at = self.view.pixel(place);
+        let [width, height] = self.view.size.map(|pixels| pixels as f32);
+        let inside = at.x >= 0.0 && at.y >= 0.0 && at.x <= width && at.y <= height;
+        if inside { End::Seen(at) } else { End::Beyond(at) }
+    }
+
     /// Where between two steps a ray came behind something.
     fn found(
         &self,
         (a, b): (Vec2, Vec2),
         (mut low, mut high): (f32, f32),
+        halvings: usize,
         depth: &impl Fn(f32) -> f32,
     ) -> End {
-        for _ in 0..HALVINGS {
+        for _ in 0..halvings {
             let middle = 0.5 * (low + high);
             if depth(middle) > self.scene(a.lerp(b, middle)) * (1.0 + BEHIND) {
                 high = middle;
@@ -130,12 +164,12 @@ impl March<'_> {
         End::Seen(a.lerp(b, high))
     }
 
-    /// Depth of the pixel that a place lies in.
+    /// Inverse depth of the pixel that a place lies in.
     #[inline]
     fn nearest(&self, at: Vec2) -> f32 {
         let [width, height] = self.view.size;
         let (x, y) = ((at.x.max(0.0) as usize).min(width - 1), (at.y.max(0.0) as usize).min(height - 1));
-        1.0 / self.inverse_depth[y * width + x]
+        self.inverse_depth[y * width + x]
     }
 
     /// Depth at a pixel, between four pixels' middles: inverse depth is linear over planes, so that a ray which leaves one doesn't meet it again.

@@ -184,6 +184,37 @@ fn a_lamps_streak_keeps_its_energy_and_stretches_more_the_flatter_it_is_looked_a
 }
 
 #[test]
+fn a_table_of_facets_tells_what_leaning_films_mirror_around_it() {
+    /// Bins as wide as the film's deviation, between which light grades; and the places lie some pixels apart.
+    const BINS: f32 = 0.06;
+    let street = street();
+    let picture = street.picture(|place| (3.0 + 0.1 * place.x - 0.2 * place.z) as f32);
+    let water = FresnelTable::water();
+    street.with(&picture, &world(2.0), |mirror| {
+        for y in [92, 104] {
+            let (place, normal, to_eye) = street.ground(80, y);
+            let table = mirror.facets((place, normal, to_eye), &water);
+            for lean in [Vec3::ZERO, Vec3::new(0.12, 0.0, 0.05), Vec3::new(-0.2, 0.0, -0.04)] {
+                let (place, _, to_eye) = street.ground(84, y + 3);
+                let normal = (normal + lean).normalize();
+                let told = table.shown((normal, to_eye), 0.11, &water).unwrap();
+                let looked = mirror.fan((place, normal, to_eye), 0.11, &water);
+                let ratio = told.light[0] / looked.light[0];
+                assert!((ratio - 1.0).abs() < BINS, "{y} {lean}: {ratio}");
+                assert!((told.fresnel / looked.fresnel - 1.0).abs() < BINS, "{y} {lean}");
+            }
+        }
+        let (place, normal, to_eye) = street.ground(80, 100);
+        let table = mirror.facets((place, normal, to_eye), &water);
+        let steep = (normal + Vec3::X).normalize();
+        assert_eq!(
+            (table.shown((steep, to_eye), 0.11, &water), table.shown((normal, to_eye), 0.01, &water)),
+            (None, None)
+        );
+    });
+}
+
+#[test]
 fn the_table_of_reflection_is_fresnels() {
     let table = FresnelTable::water();
     for i in 0..=1000 {

@@ -47,6 +47,13 @@ impl View {
         Vec3::new(across.x * scale, -across.y * scale, z)
     }
 
+    /// Place of depth 1 m at pixel coordinates, from the eye, in the camera's axes.
+    #[inline]
+    pub fn ray(&self, at: [f32; 2]) -> Vec3 {
+        let across = (Vec2::from(at) - self.middle) / self.focal;
+        Vec3::new(across.x, -across.y, 1.0)
+    }
+
     /// Unit vector from a place to the eye.
     #[inline]
     pub fn to_eye(&self, place: Vec3) -> Vec3 {

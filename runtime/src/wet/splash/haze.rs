@@ -7,6 +7,8 @@ use crate::wet::drop::eye::Spot;
 use crate::wet::drop::light::DropLight;
 use crate::wet::drop::milky;
 use crate::wet::frame::{Layer, WetFrame};
+use crate::wet::reflect::view::View;
+use crate::wet::surface::nodes::Nodes;
 use glam::{DVec2, DVec3, Vec3};
 
 impl Brush<'_, '_> {
@@ -35,6 +37,7 @@ impl Brush<'_, '_> {
         &self,
         kinds: &[Kind],
         fall: &Fall<'_>,
+        nodes: &mut Nodes<Far>,
         light: &mut DropLight<'_>,
         out: &mut Layer,
     ) -> u64 {
@@ -42,36 +45,48 @@ impl Brush<'_, '_> {
         let tables: [Vec<f32>; 3] = sequence::sines().map(|sine| self.thickness(kinds, sine));
         let opacity = self.opacity();
         let own = opacity.of(controls.opacity, 0.066) * controls.haze;
-        let mut row = Row { shelter: Shelter::new(fall, mean_speed(self.frame, kinds)), nodes: [None; 2] };
+        let mut shelter = Shelter::new(fall, mean_speed(self.frame, kinds));
+        let view = View::new(self.frame.camera);
+        nodes.fill_in_turn(buffer, &view, |[x, y], offset, normal| {
+            (normal.z >= LEVEL).then(|| {
+                let place = eye.position + offset.as_dvec3();
+                let beams = light.beams(place, eye.towards(offset)) * controls.back_light;
+                let spot = Spot { x: x as f32 + 0.5, y: y as f32 + 0.5, depth: offset.dot(eye.forward) };
+                Far { open: shelter.open(place), shown: light.ball(&spot).mean() + beams }
+            })
+        });
         let mut touched = 0;
         for pixel in 0..eye.size[0] * eye.size[1] {
             let [x, y] = [pixel % eye.size[0], pixel / eye.size[0]];
-            if x % RUN == 0 {
-                // The node behind is the last one's node ahead.
-                row.nodes = [if x == 0 { None } else { row.nodes[1] }, None];
-            }
             let Some((depth, normal)) = self.floor(pixel) else { continue };
             let offset = eye.at(x as f32 + 0.5, y as f32 + 0.5, depth);
             let direction = eye.towards(offset);
             let (view, share) = sequence::between_views((-direction.z).max(0.0));
-            let per_metre = eye.pixels_per_metre(depth);
-            let [low, high] = [view, view + 1].map(|view| lookup(&tables[view], per_metre));
+            let place = table_place(eye.pixels_per_metre(depth));
+            let [low, high] = [view, view + 1].map(|view| lookup(&tables[view], place));
             let thickness = low + share * (high - low);
             let steep = -normal.dot(direction);
             if thickness < 1e-5 || steep <= 0.0 {
                 continue;
             }
-            for (known, at) in row.nodes.iter_mut().zip([x - x % RUN, x - x % RUN + RUN]) {
-                known.get_or_insert_with(|| self.node(at, y, &mut row.shelter, light));
+            let mut far = Far::default();
+            match nodes.around([x, y], offset, normal) {
+                Some(around) => around.told().for_each(|(node, weight)| {
+                    far.open += weight * node.value.open;
+                    far.shown += weight * node.value.shown;
+                }),
+                None => {
+                    let place = eye.position + offset.as_dvec3();
+                    let beams = light.beams(place, direction) * controls.back_light;
+                    let spot = Spot { x: x as f32 + 0.5, y: y as f32 + 0.5, depth };
+                    far = Far { open: shelter.open(place), shown: light.ball(&spot).mean() + beams };
+                }
             }
-            let node = row.between((x % RUN) as f32 / RUN as f32, depth);
-            let Some(node) = node.or_else(|| self.node(x, y, &mut row.shelter, light)) else { continue };
             let wettable = buffer.wettable.as_ref().map_or(1.0, |mask| mask[pixel].clamp(0.0, 1.0));
-            let through = thickness * own * node.open * wettable * normal.z / steep.max(0.02);
+            let through = thickness * own * far.open * wettable * normal.z / steep.max(0.02);
             if through > 0.0 {
-                let spot = Spot { x: x as f32 + 0.5, y: y as f32 + 0.5, depth };
-                let shown = (light.ball(&spot).mean() + node.beams) * opacity.lightning_bias;
                 let alpha = 1.0 - libm::expf(-through);
+                let shown = far.shown * opacity.lightning_bias;
                 out.over(pixel, (milky(shown, controls.milk) * alpha).into(), alpha);
                 touched += 1;
             }
@@ -82,49 +97,18 @@ impl Brush<'_, '_> {
     /// Depth and normal of a pixel that shows what splashes stand on.
     fn floor(&self, pixel: usize) -> Option<(f32, Vec3)> {
         let (depth, normal) = (self.frame.buffer.depth_m[pixel], Vec3::from(self.frame.buffer.normal[pixel]));
-        (depth > 0.0 && depth.is_finite() && normal.z >= 0.5).then_some((depth, normal))
-    }
-
-    /// What is looked up at a pixel; `None` outside the picture and where no splash stands.
-    fn node(&self, x: usize, y: usize, shelter: &mut Shelter<'_>, light: &DropLight<'_>) -> Option<Node> {
-        let inside = (x < self.eye.size[0]).then_some(y * self.eye.size[0] + x)?;
-        let (depth, _) = self.floor(inside)?;
-        let offset = self.eye.at(x as f32 + 0.5, y as f32 + 0.5, depth);
-        let place = self.eye.position + offset.as_dvec3();
-        let beams = light.beams(place, self.eye.towards(offset)) * self.controls.back_light;
-        Some(Node { depth, open: shelter.open(place), beams })
+        (depth > 0.0 && depth.is_finite() && normal.z >= LEVEL).then_some((depth, normal))
     }
 }
 
-/// Pixels of a row from one place where shelter and beams are looked up to the next.
-const RUN: usize = 4;
+/// Least cosine to the vertical of what splashes stand on.
+const LEVEL: f32 = 0.5;
 
-/// Shelter and beams at a pixel.
-#[derive(Clone, Copy)]
-struct Node {
-    depth: f32,
+/// What far splashes stand in: the share of open sky for the rain, and the light that water shows there.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Far {
     open: f32,
-    beams: Vec3,
-}
-
-/// What is known along a row: the nodes on both sides, where they were asked for.
-struct Row<'a> {
-    shelter: Shelter<'a>,
-    nodes: [Option<Option<Node>>; 2],
-}
-
-impl Row<'_> {
-    /// Between both nodes where both lie on the surface at this depth; else the one that does.
-    fn between(&self, share: f32, depth: f32) -> Option<Node> {
-        let near = |node: &Node| (node.depth - depth).abs() < 0.03 * depth;
-        match self.nodes.map(|node| node.flatten().filter(near)) {
-            [Some(a), Some(b)] => {
-                let open = a.open + share * (b.open - a.open);
-                Some(Node { depth, open, beams: a.beams.lerp(b.beams, share) })
-            }
-            [one, other] => one.or(other),
-        }
-    }
+    shown: Vec3,
 }
 
 /// Share of open sky for the rain, between the middles of the height map's cells, so that no cell is seen; cells asked before are remembered.
@@ -176,8 +160,12 @@ fn per_metre_of(step: usize) -> f32 {
     libm::exp2f(step as f32 / 8.0 - 4.0)
 }
 
-fn lookup(table: &[f32], per_metre: f32) -> f32 {
-    let at = ((libm::log2f(per_metre.max(1e-9)) + 4.0) * 8.0).clamp(0.0, (STEPS - 2) as f32);
+/// Where pixels a metre lie in the table.
+fn table_place(per_metre: f32) -> f32 {
+    ((libm::log2f(per_metre.max(1e-9)) + 4.0) * 8.0).clamp(0.0, (STEPS - 2) as f32)
+}
+
+fn lookup(table: &[f32], at: f32) -> f32 {
     let low = at as usize;
     table[low] + (at - low as f32) * (table[low + 1] - table[low])
 }

@@ -9,8 +9,10 @@ use crate::wet::controls::controls;
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::maps::{GroundMap, LightningVolume};
 use crate::wet::reflect::view::View;
+use crate::wet::surface::nodes::{Around, Nodes};
 use glam::{DVec2, DVec3, Vec3};
-use std::f32::consts::FRAC_1_PI;
+use squall_formats::sphere::{degree_of, harmonics};
+use std::f32::consts::{FRAC_1_PI, PI};
 
 controls! {
     /// How lightning lights surfaces.
@@ -30,8 +32,9 @@ controls! {
     }
 }
 
-/// Cells along a side of the height map's blocks, whose highest points shadows' rays pass over in one step.
-const BLOCK: usize = 16;
+/// Blocks of the height map, each four times as long as those before, whose highest points shadows' rays pass over in one step.
+const LEVELS: usize = 4;
+const FOUR: usize = 4;
 /// Share of a cell by which a ray is put beyond the border of what it has left.
 const BEYOND: f64 = 1e-4;
 /// A light this close to straight above casts its shadows within a cell: the tangent of its angle.
@@ -50,7 +53,21 @@ pub struct LightningReport {
 #[derive(Default)]
 pub struct Lightning {
     blocks: Vec<f32>,
+    nodes: Nodes<Lit>,
 }
+
+/// What a place has of both flashes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lit {
+    /// What the scene sends on: harmonics, each degree with what a cosine keeps of it, and the irradiance on the node's own normal.
+    sent_on: [[f32; 9]; 2],
+    irradiance: [f32; 2],
+    /// Whether the beams themselves come there.
+    beam: [bool; 2],
+}
+
+/// Cosine between normals from which a node's irradiance is a pixel's.
+const EVEN: f32 = 0.9998;
 
 impl Lightning {
     /// Nothing kept yet.
@@ -67,12 +84,12 @@ impl Lightning {
         controls: &LightningControls,
         out: &mut Layer,
     ) -> Result<LightningReport, RuntimeError> {
-        draw(&mut self.blocks, frame, controls, out)
+        draw((&mut self.blocks, &mut self.nodes), frame, controls, out)
     }
 }
 
 fn draw(
-    blocks: &mut Vec<f32>,
+    (blocks, nodes): (&mut Vec<f32>, &mut Nodes<Lit>),
     frame: &WetFrame<'_>,
     controls: &LightningControls,
     out: &mut Layer,
@@ -94,6 +111,12 @@ fn draw(
     let view = View::new(frame.camera);
     let colour = [controls.red, controls.green, controls.blue].map(|band| band * controls.flash * FRAC_1_PI);
     let width = buffer.size[0];
+    let look =
+        |offset: Vec3, normal: Vec3| light.look(view.eye + offset.as_dvec3(), normal, controls.shadows);
+    if light.volume.is_some() {
+        nodes.fill(buffer, &view, look);
+    }
+    let nodes = &*nodes;
     let row = |(y, row): (usize, &mut [[f32; 3]])| {
         let mut lit = 0;
         for (x, pixel) in row.iter_mut().enumerate() {
@@ -102,8 +125,15 @@ fn draw(
             let Some(normal) = buffer.unit_normal(at).filter(|_| depth > 0.0 && depth.is_finite()) else {
                 continue;
             };
-            let place = view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();
-            let irradiance = light.irradiance(place, normal, controls.shadows);
+            let irradiance = match light.volume {
+                None => light.even(normal),
+                Some(_) => {
+                    let offset = view.to_world(view.place(x, y, depth));
+                    let told = nodes.around([x, y], offset, normal);
+                    let told = told.and_then(|around| light.between(&around, normal));
+                    told.unwrap_or_else(|| light.of_look(&look(offset, normal), normal))
+                }
+            };
             let albedo = buffer.albedo.as_ref().map_or([controls.albedo; 3], |albedo| albedo[at]);
             *pixel = std::array::from_fn(|band| albedo[band] * colour[band] * irradiance);
             lit += usize::from(irradiance > 0.0);
@@ -144,48 +174,99 @@ impl<'a> Light<'a> {
         Ok(Self { volume: Some(volume), beams, heights, sum })
     }
 
-    /// Irradiance at a place, over that of a beam of intensity 1.
-    fn irradiance(&self, place: DVec3, normal: Vec3, shadows: f32) -> f32 {
-        let Some(volume) = self.volume else {
-            // Half of an even hemisphere is behind an upright wall.
-            return self.sum * 0.5 * (1.0 + normal.z);
-        };
+    /// Irradiance where nothing was baked, over that of a beam of intensity 1: half of an even hemisphere is behind an upright wall.
+    fn even(&self, normal: Vec3) -> f32 {
+        self.sum * 0.5 * (1.0 + normal.z)
+    }
+
+    /// What a place has of the flashes that shine.
+    fn look(&self, place: DVec3, normal: Vec3, shadows: f32) -> Lit {
+        let mut lit = Lit::default();
+        let Some(volume) = self.volume else { return lit };
         let around = place + normal.as_dvec3() * (0.5 * volume.cell_m);
-        let mut sum = 0.0;
-        for (key, towards, intensity) in self.beams.iter().flatten() {
-            sum += intensity * volume.irradiance(*key, around, normal).unwrap_or(0.0);
-            let cosine = normal.dot(towards.as_vec3());
+        for (key, towards, _) in self.beams.iter().flatten() {
+            if let Some(mut light) = volume.harmonics_at(*key, around) {
+                // What a cosine lobe keeps of each degree, \[ramamoorthi\].
+                let keeps = |index: usize| [PI, 2.0 * PI / 3.0, 0.25 * PI][degree_of(index)];
+                light.iter_mut().enumerate().for_each(|(index, light)| *light *= keeps(index));
+                lit.irradiance[*key] = on(&light, normal);
+                lit.sent_on[*key] = light;
+            }
+            // A surface that a beam only grazes may be one whose neighbour it meets.
+            let meets = normal.dot(towards.as_vec3()) > -0.2;
             let reach = f64::from(shadows);
             let shades = |heights: &Heights<'_>| heights.shade((place, normal), *towards, reach);
-            if cosine > 0.0 && !self.heights.as_ref().is_some_and(shades) {
-                sum += intensity * cosine;
+            lit.beam[*key] = meets && !self.heights.as_ref().is_some_and(shades);
+        }
+        lit
+    }
+
+    /// Irradiance on a surface with what its place has, over that of a beam of intensity 1.
+    fn of_look(&self, lit: &Lit, normal: Vec3) -> f32 {
+        let beam = |(key, towards, intensity): &(usize, DVec3, f32)| {
+            let straight = if lit.beam[*key] { normal.dot(towards.as_vec3()).max(0.0) } else { 0.0 };
+            intensity * (lit.irradiance[*key] + straight)
+        };
+        self.beams.iter().flatten().map(beam).sum()
+    }
+
+    /// The same between nodes that agree on which beams come there.
+    fn between(&self, around: &Around<'_, Lit>, normal: Vec3) -> Option<f32> {
+        let beam = around.told().next()?.0.value.beam;
+        if around.told().any(|(node, _)| node.value.beam != beam) {
+            return None;
+        }
+        let mut lit = Lit { beam, ..Lit::default() };
+        let even = around.told().all(|(node, _)| node.normal.dot(normal) > EVEN);
+        for (key, ..) in self.beams.iter().flatten() {
+            for (node, weight) in around.told() {
+                let value = &node.value;
+                lit.irradiance[*key] +=
+                    weight * if even { value.irradiance[*key] } else { on(&value.sent_on[*key], normal) };
             }
         }
-        sum
+        Some(self.of_look(&lit, normal))
     }
+}
+
+/// Irradiance on a normal by harmonics that have a cosine's shares in them; at least 0.
+fn on(light: &[f32; 9], normal: Vec3) -> f32 {
+    let basis = harmonics(normal.to_array().map(f64::from));
+    light.iter().zip(basis).map(|(light, basis)| light * basis as f32).sum::<f32>().max(0.0)
 }
 
 /// A height map that throws shadows, and the highest points of its blocks.
 struct Heights<'a> {
     map: &'a GroundMap,
-    /// Blocks along x.
-    across: usize,
+    /// Blocks along x of each level, and where the level begins.
+    levels: [(usize, usize); LEVELS],
     blocks: &'a [f32],
     top: f64,
 }
 
 impl<'a> Heights<'a> {
     fn of(map: &'a GroundMap, blocks: &'a mut Vec<f32>) -> Self {
-        let across = map.size[0].div_ceil(BLOCK);
         blocks.clear();
-        blocks.resize(across * map.size[1].div_ceil(BLOCK), f32::NEG_INFINITY);
-        for (y, row) in map.values.chunks(map.size[0].max(1)).take(map.size[1]).enumerate() {
-            for (cells, highest) in row.chunks(BLOCK).zip(&mut blocks[y / BLOCK * across..]) {
-                *highest = cells.iter().copied().fold(*highest, f32::max);
+        let mut levels = [(0, 0); LEVELS];
+        let mut size = map.size;
+        for (number, level) in levels.iter_mut().enumerate() {
+            let from = blocks.len();
+            let [width, height] = size;
+            let coarse = size.map(|cells| cells.div_ceil(FOUR));
+            *level = (coarse[0], from);
+            blocks.resize(from + coarse[0] * coarse[1], f32::NEG_INFINITY);
+            let (finer, coarser) = blocks.split_at_mut(from);
+            let fine = if number == 0 { map.values.as_slice() } else { &finer[from - width * height..] };
+            for (y, row) in fine.chunks(width.max(1)).take(height).enumerate() {
+                for (cells, highest) in row.chunks(FOUR).zip(&mut coarser[y / FOUR * coarse[0]..]) {
+                    *highest = cells.iter().copied().fold(*highest, f32::max);
+                }
             }
+            size = coarse;
         }
-        let top = blocks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        Self { map, across, blocks, top: f64::from(top) }
+        let first = levels[1].1;
+        let top = blocks[..first].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        Self { map, levels, blocks, top: f64::from(top) }
     }
 
     /// Whether the height map stands between a surface and a light, within `reach` m; 0 is no shadows. The ray begins where no cell that holds the
@@ -208,33 +289,44 @@ impl<'a> Heights<'a> {
         let (nudge, end) = (map.cell_m * BEYOND / across, end.min(reach));
         // Past the place's own cell: ground that slopes or is rough does not shade itself.
         let mut along = begin.max(map.cell_m / across);
+        // Where the ray leaves a square of `side` cells that holds cell (x, y).
+        let (inverse, cell_m) = (towards.truncate().recip(), map.cell_m);
+        let leaves = |[x, y]: [usize; 2], side: usize| {
+            let edge = |axis: usize, at: usize| {
+                let far = at - at % side + if towards[axis] > 0.0 { side } else { 0 };
+                let out = (map.origin_m[axis] + far as f64 * cell_m - from[axis]) * inverse[axis];
+                if towards[axis] == 0.0 { f64::INFINITY } else { out }
+            };
+            edge(0, x).min(edge(1, y))
+        };
+        let mut level = LEVELS;
         while along < end {
-            let at = from + towards * along;
-            if at.z > self.top && towards.z >= 0.0 {
+            let z = from.z + towards.z * along;
+            if z > self.top && towards.z >= 0.0 {
                 return false;
             }
-            let Some([x, y]) = map.cell(at.truncate()) else {
+            let Some([x, y]) = map.cell(from.truncate() + towards.truncate() * along) else {
                 along += nudge;
                 continue;
             };
-            let leaves = |x: usize, y: usize, side: usize| {
-                let low = map.origin_m + DVec2::new(x as f64, y as f64) * map.cell_m;
-                let high = low + side as f64 * map.cell_m;
-                within(from, towards, [low, high]).map_or(along, |[_, out]| out.max(along))
-            };
-            let block = [x / BLOCK, y / BLOCK];
-            let past = leaves(block[0] * BLOCK, block[1] * BLOCK, BLOCK);
-            let lowest = at.z.min(from.z + towards.z * past);
-            if f64::from(self.blocks[block[1] * self.across + block[0]]) <= lowest {
-                along = past + nudge;
+            if level == 0 {
+                let out = leaves([x, y], 1).max(along);
+                let middle = from.z + towards.z * 0.5 * (along + out);
+                if map.values.get(y * map.size[0] + x).is_some_and(|height| f64::from(*height) > middle) {
+                    return true;
+                }
+                (along, level) = (out + nudge, 1);
                 continue;
             }
-            let out = leaves(x, y, 1);
-            let middle = from.z + towards.z * 0.5 * (along + out);
-            if map.values.get(y * map.size[0] + x).is_some_and(|height| f64::from(*height) > middle) {
-                return true;
+            let side = FOUR.pow(level as u32);
+            let past = leaves([x, y], side).max(along);
+            let lowest = z.min(from.z + towards.z * past);
+            let (across, begins) = self.levels[level - 1];
+            if f64::from(self.blocks[begins + y / side * across + x / side]) <= lowest {
+                (along, level) = (past + nudge, (level + 1).min(LEVELS));
+            } else {
+                level -= 1;
             }
-            along = out + nudge;
         }
         false
     }
@@ -264,7 +356,6 @@ mod tests {
     use crate::wet::maps::WetMaps;
     use crate::world::WorldLight;
     use squall_formats::units::Degrees;
-    use std::f32::consts::PI;
 
     /// Single precision.
     const ROUND_OFF: f32 = 1e-5;

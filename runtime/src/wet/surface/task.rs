@@ -2,7 +2,8 @@
 
 use super::water::Water;
 use super::{
-    Film, POROUS, PUDDLE, SHARED_M, Smear, State, SurfaceControls, SurfaceLight, SurfacePixel, wet_surface,
+    Film, Ground, POROUS, PUDDLE, SHARED_M, Smear, State, SurfaceControls, SurfaceLight, SurfacePixel,
+    wet_surface,
 };
 use crate::parallel::prelude::*;
 use crate::wet::frame::{Layer, WetFrame};
@@ -43,58 +44,79 @@ impl Task<'_> {
         smooth.max(self.controls.film_slope * (roughness / POROUS[1]).min(1.0))
     }
 
-    /// Films of every other pixel.
-    pub(super) fn films(&self, films: &mut Vec<Film>) {
+    /// What lies under a look of two by two pixels: of those that are wet the one with least water shows the film, the one with most the water.
+    pub(super) fn ground(&self, [column, row]: [usize; 2]) -> Ground {
         let [width, height] = self.frame.buffer.size;
-        let half = [width.div_ceil(2), height.div_ceil(2)];
-        films.clear();
-        films.resize(half[0] * half[1], Film::default());
-        let row = |(row, films): (usize, &mut [Film])| {
-            for (column, film) in films.iter_mut().enumerate() {
-                // Of its four pixels the one with least water shows the film, the one with most the water.
-                let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| (2 * column + x, 2 * row + y));
-                let wet = || four.into_iter().filter(|&(x, y)| x < width && y < height);
-                let wet = || wet().filter(|&(x, y)| self.states[y * width + x].wetness > 0.0);
-                let puddle = |(x, y): &(usize, usize)| self.states[y * width + x].puddle;
-                let ends = (
-                    wet().min_by(|a, b| puddle(a).total_cmp(&puddle(b))),
-                    wet().max_by(|a, b| puddle(a).total_cmp(&puddle(b))),
-                );
-                if let (Some(least), Some(most)) = ends {
-                    *film = self.film(least, most);
-                }
+        let (mut least, mut most) = (None, None);
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| (2 * column + x, 2 * row + y)) {
+            if x >= width || y >= height || self.states[y * width + x].wetness <= 0.0 {
+                continue;
             }
+            let puddle = self.states[y * width + x].puddle;
+            if puddle < low {
+                (low, least) = (puddle, Some([x, y]));
+            }
+            if puddle >= high {
+                (high, most) = (puddle, Some([x, y]));
+            }
+        }
+        let (Some(pixel), Some(most)) = (least, most) else { return Ground::default() };
+        let at = pixel[1] * width + pixel[0];
+        let normal = self.frame.buffer.unit_normal(at).unwrap_or(Vec3::Z);
+        // Under deep water there is no film; the paper's is a mirror.
+        let slope = if low >= 1.0 {
+            -1.0
+        } else if self.controls.paper_streaks > 0.5 {
+            0.0
+        } else {
+            self.film_slope(self.material(at).roughness)
         };
-        films.par_chunks_mut(half[0]).enumerate().for_each(row);
+        Ground { pixel, most, slope, normal, depth: self.frame.buffer.depth_m[at] }
     }
 
-    /// What the film mirrors in one pixel, and standing water in another, where that is far away.
-    fn film(&self, (x, y): (usize, usize), most: (usize, usize)) -> Film {
+    /// What the film of a look mirrors.
+    pub(super) fn film(&self, ground: &Ground) -> Mirrored {
+        let place = self.view.place(ground.pixel[0], ground.pixel[1], ground.depth);
+        let normal = self.view.from_world(ground.normal);
+        self.mirror.fan((place, normal, self.view.to_eye(place)), ground.slope, self.fresnel)
+    }
+
+    /// Share of a look's pixel that its film covers.
+    pub(super) fn film_share(&self, ground: &Ground) -> f32 {
+        let at = ground.pixel[1] * self.frame.buffer.size[0] + ground.pixel[0];
+        self.controls.film * self.states[at].wetness * ground.normal.z.abs().max(self.controls.walls)
+    }
+
+    /// The brightest band of what a look's pixel shows when dry.
+    pub(super) fn brightest(&self, ground: &Ground) -> f32 {
+        let [red, green, blue] =
+            self.frame.colour[ground.pixel[1] * self.frame.buffer.size[0] + ground.pixel[0]];
+        red.max(green).max(blue).max(0.0)
+    }
+
+    /// How far facets that lean aside blur what a look's film shows, px.
+    pub(super) fn blur_px(&self, ground: &Ground) -> f32 {
+        let place = self.view.place(ground.pixel[0], ground.pixel[1], ground.depth);
+        let facing = self.view.from_world(ground.normal).dot(self.view.to_eye(place)).max(0.0);
+        2.0 * ground.slope * facing * self.view.focal().x
+    }
+
+    /// What standing water mirrors under a look, where it is so far away that neighbours need no look of their own.
+    pub(super) fn standing(&self, ground: &Ground) -> Mirrored {
         let buffer = self.frame.buffer;
-        let width = buffer.size[0];
-        let geometry = |(x, y): (usize, usize)| {
-            let at = y * width + x;
-            let place = self.view.place(x, y, buffer.depth_m[at]);
-            (at, place, buffer.unit_normal(at).unwrap_or(Vec3::Z), self.view.to_eye(place))
-        };
-        let (at, place, normal, to_eye) = geometry(most);
+        let [x, y] = ground.most;
+        let at = y * buffer.size[0] + x;
         let puddle = self.states[at].puddle;
-        let shares = puddle > PUDDLE && self.footprint(place, normal, to_eye) > SHARED_M;
-        let standing = match shares {
-            true => self.puddle((place, normal, to_eye), (puddle, self.material(at).roughness)),
-            false => Mirrored::default(),
-        };
-        let (at, place, normal, to_eye) = geometry((x, y));
-        let film = if self.states[at].puddle < 1.0 {
-            let is_paper = self.controls.paper_streaks > 0.5;
-            let slope = if is_paper { 0.0 } else { self.film_slope(self.material(at).roughness) };
-            self.mirror.fan((place, self.view.from_world(normal), to_eye), slope, self.fresnel)
-        } else {
-            // Under deep water there is no film.
-            Mirrored::default()
-        };
-        let Mirrored { light, fresnel, rays } = film;
-        Film { standing, light, fresnel, normal, depth: buffer.depth_m[at], rays }
+        if ground.depth == 0.0 || puddle <= PUDDLE {
+            return Mirrored::default();
+        }
+        let place = self.view.place(x, y, buffer.depth_m[at]);
+        let (normal, to_eye) = (buffer.unit_normal(at).unwrap_or(Vec3::Z), self.view.to_eye(place));
+        if self.footprint(place, normal, to_eye) <= SHARED_M {
+            return Mirrored::default();
+        }
+        self.puddle((place, normal, to_eye), (puddle, self.material(at).roughness))
     }
 
     /// How much of the ground a pixel covers, m: more along the view than across.
@@ -113,9 +135,9 @@ impl Task<'_> {
         memory.reach.clear();
         for (at, film) in films.iter().enumerate() {
             memory.light.push(film.light);
-            memory.wet.push(film.rays > 0);
+            memory.wet.push(film.shown);
             let (x, y) = ((2 * (at % half[0])).min(width - 1), (2 * (at / half[0])).min(height - 1));
-            let reach = if film.rays > 0 { scale * self.shown_m((x, y), film) } else { 0.0 };
+            let reach = if film.shown { scale * self.shown_m((x, y), film) } else { 0.0 };
             memory.reach.push(reach.min(0.25 * height as f32));
         }
         paper::smear(half, (&memory.light, &memory.wet, &memory.reach), &mut memory.out);
@@ -248,13 +270,14 @@ impl Task<'_> {
             [(near, 0.75f32), (far, 0.25)]
         };
         let (mut light, mut fresnel, mut weight) = (Vec3::ZERO, 0.0, 0.0);
+        let inverse = 1.0 / depth;
         for (row, wy) in taps(y, half[1]) {
             for (column, wx) in taps(x, half[0]) {
                 let film = &films[row * half[0] + column];
-                if film.rays == 0 {
+                if !film.shown {
                     continue;
                 }
-                let apart = (film.depth / depth - 1.0).abs();
+                let apart = (film.depth * inverse - 1.0).abs();
                 let same = film.normal.dot(normal).max(0.0);
                 let kept = wx * wy * same * same * (1.0 - 10.0 * apart).max(0.0) + 1e-6;
                 light += Vec3::from_array(film.light) * kept;

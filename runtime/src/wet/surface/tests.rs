@@ -126,6 +126,24 @@ fn wet_asphalt_is_darker_near_by_and_mirrors_the_wall_far_off() {
 }
 
 #[test]
+fn films_that_nodes_tell_are_those_that_are_looked_at() {
+    /// What a tenth of a difference between nodes leaves of it between them.
+    const BETWEEN: f32 = 0.02;
+    let street = street(1.0);
+    let look = |tolerance: f32| {
+        street.wet(25.0, &SurfaceControls { tolerance, puddles: 0.0, ..SurfaceControls::default() })
+    };
+    let ((told, few), (looked, all)) = (look(0.1), look(0.0));
+    assert!(few.rays * 2 < all.rays, "{few:?} {all:?}");
+    let (mut off, mut sum) = (0.0, 0.0);
+    for (a, b) in told.light.iter().flatten().zip(looked.light.iter().flatten()) {
+        off += (a - b) * (a - b);
+        sum += b * b;
+    }
+    assert!(off < BETWEEN * BETWEEN * sum, "{}", (off / sum).sqrt());
+}
+
+#[test]
 fn a_surfaces_own_light_is_not_darkened() {
     let material = Material { albedo: [0.2; 3], roughness: 0.8, porosity: 1.0 };
     let pixel = SurfacePixel {

@@ -1,0 +1,100 @@
+use super::*;
+use crate::wet::draw::flux_of;
+use crate::wet::drop::stage::Stage;
+use glam::DVec3;
+use squall_formats::units::MillimetresPerHour;
+
+/// Single precision.
+const ROUND_OFF: f32 = 1e-5;
+
+fn stage() -> Stage {
+    let mut stage = Stage::new(DVec3::new(3.0, 0.0, 1.6), DVec3::new(3.0, 5.0, 1.6), [96, 72]);
+    stage.flux = flux_of(MillimetresPerHour(5.0));
+    stage
+}
+
+fn controls() -> WindscreenControls {
+    WindscreenControls { cell: 4.0, wets: 2.0, ..WindscreenControls::default() }
+}
+
+fn drawn(pane: &mut Windscreen, stage: &Stage, time: f64, controls: &WindscreenControls) -> (Layer, u64) {
+    let mut layer = Layer::default();
+    let frame = stage.frame(time);
+    let report = pane.draw((&frame, frame.colour), controls, &mut layer).unwrap();
+    (layer, report.pixels)
+}
+
+#[test]
+fn a_dry_pane_leaves_the_frame_its_bits_and_so_does_dry_glass_between_drops() {
+    let mut dry = stage();
+    dry.flux.clear();
+    let (layer, pixels) = drawn(&mut Windscreen::new(), &dry, 1.0, &controls());
+    assert!(pixels == 0 && layer.alpha.iter().all(|alpha| *alpha == 0.0));
+    let stage = stage();
+    let (layer, pixels) = drawn(&mut Windscreen::new(), &stage, 1.0, &controls());
+    let mut picture = stage.buffer.colour.clone();
+    layer.onto(&mut picture).unwrap();
+    let kept = picture.iter().zip(&stage.buffer.colour).filter(|(a, b)| a == b).count();
+    assert!(pixels > 200 && kept > 200, "{pixels} {kept}");
+}
+
+#[test]
+fn the_same_time_shows_the_same_drops_whichever_frames_were_before() {
+    let stage = stage();
+    let straight = drawn(&mut Windscreen::new(), &stage, 2.0, &controls()).0;
+    let mut pane = Windscreen::new();
+    for time in [0.3, 1.1, 3.0] {
+        drawn(&mut pane, &stage, time, &controls());
+    }
+    assert_eq!(straight, drawn(&mut pane, &stage, 2.0, &controls()).0);
+    assert_ne!(straight, drawn(&mut pane, &stage, 2.5, &controls()).0);
+}
+
+#[test]
+fn wipers_leave_less_water_in_their_way_and_all_of_it_beside() {
+    let stage = stage();
+    let (wet, _) = drawn(&mut Windscreen::new(), &stage, 0.4, &controls());
+    let wiped = WindscreenControls { wipers: 60.0, ..controls() };
+    let (wiped, _) = drawn(&mut Windscreen::new(), &stage, 0.4, &wiped);
+    let count = |layer: &Layer, rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
+        rows.flat_map(|y| columns.clone().map(move |x| y * 96 + x))
+            .filter(|&at| layer.light[at] != [0.0; 3])
+            .count()
+    };
+    // The middle is swept; the upper corner to the right is out of reach.
+    let [before, after] = [&wet, &wiped].map(|layer| count(layer, 30..60, 20..50));
+    assert!(after * 3 < before * 2 && before > 50, "{before} {after}");
+    let [before, after] = [&wet, &wiped].map(|layer| count(layer, 0..6, 90..96));
+    assert_eq!(before, after);
+}
+
+#[test]
+fn water_with_an_even_surface_bends_nothing_and_a_drops_lower_rim_looks_up() {
+    let index = WATER_INDEX as f32;
+    let direction = Vec3::new(0.3, -0.2, 0.8).normalize();
+    let inside = bent(direction, Vec3::Z, 1.0 / index).unwrap();
+    assert!((inside.truncate() * index - direction.truncate()).length() < ROUND_OFF, "Snell's law");
+    assert!(bent(inside, Vec3::Z, index).unwrap().distance(direction) < ROUND_OFF);
+    // At the lower rim water grows thicker upwards: its surface looks down there, and the ray goes up.
+    let outwards = Vec3::new(0.0, -0.5, 1.0).normalize();
+    assert!(bent(Vec3::Z, outwards, index).unwrap().y > 0.1);
+    assert_eq!(bent(Vec3::Z, Vec3::new(0.0, -1.3, 1.0).normalize(), index), None, "total reflection");
+}
+
+#[test]
+fn drops_run_up_where_the_wind_of_driving_lifts_them() {
+    let (stage, still) = (stage(), controls());
+    let lifted = WindscreenControls { lift: 30.0, ..still };
+    let (falls, rises) = (
+        drawn(&mut Windscreen::new(), &stage, 1.0, &still).0,
+        drawn(&mut Windscreen::new(), &stage, 1.0, &lifted).0,
+    );
+    assert_ne!(falls, rises);
+    for wrong in
+        [WindscreenControls { distance: 0.0, ..still }, WindscreenControls { hold: f32::NAN, ..still }]
+    {
+        let mut layer = Layer::default();
+        let frame = stage.frame(1.0);
+        assert!(Windscreen::new().draw((&frame, frame.colour), &wrong, &mut layer).is_err());
+    }
+}
