@@ -192,7 +192,7 @@ fn golden_sections_say_what_their_recipe_and_its_inputs_say() {
     assert_eq!(grid.head.shape.to_array(), [9, 8, 4]);
     assert_eq!((grid.head.cell_m, grid.head.origin_m), ([50.0, 40.0, 30.0], [-225.0, -160.0, 600.0]));
     assert_eq!((grid.head.albedo, grid.head.g, grid.head.periodic_xy), (0.999, 0.85, false));
-    assert_eq!(grid.extinction, scene.cloud.extinction);
+    assert_eq!(grid.extinction.values()[..], scene.cloud.extinction[..]);
 
     let strokes = asset.section(BoltSection::TAG, "strokes", BoltSection::read).unwrap();
     assert_eq!(strokes.strokes, recipe.strokes);
