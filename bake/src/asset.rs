@@ -11,18 +11,15 @@ use std::path::Path;
 
 /// A cloud's grid as a section.
 pub fn grid_section(cloud: &Cloud) -> OutSection {
-    CloudSection {
-        head: CloudHead {
-            shape: cloud.shape,
-            cell_m: cloud.cell_m,
-            origin_m: cloud.origin_m.to_array(),
-            albedo: cloud.albedo,
-            g: cloud.g,
-            periodic_xy: cloud.boundary == Boundary::PeriodicXy,
-        },
-        extinction: &cloud.extinction,
-    }
-    .write()
+    let head = CloudHead {
+        shape: cloud.shape,
+        cell_m: cloud.cell_m,
+        origin_m: cloud.origin_m.to_array(),
+        albedo: cloud.albedo,
+        g: cloud.g,
+        periodic_xy: cloud.boundary == Boundary::PeriodicXy,
+    };
+    CloudSection::write_smallest(&head, &cloud.extinction)
 }
 
 /// An asset in memory with a cloud and its response, and the response's bytes.

@@ -22,6 +22,43 @@ pub struct CompressedRow {
     pub threshold: f32,
 }
 
+/// What an error in each plane of a row counts for: thresholds and steps are wider where it counts for less.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlaneWeights(Vec<f32>);
+
+impl PlaneWeights {
+    /// All planes alike.
+    pub fn even(planes: usize) -> Self {
+        Self(vec![1.0; planes])
+    }
+
+    /// Those of light in harmonics of degree 1 that a gather scatters on: its error in degree 1 comes out multiplied by the phase
+    /// function's first moment after delta scaling, (g − f) / (1 − f) with f = (1 − extinction scale) / albedo, relative to that of degree 0.
+    ///
+    /// ```
+    /// use squall_bake::compress::PlaneWeights;
+    /// // f = g² where light is solved for with sources of degree 1: g / (1 + g).
+    /// let (g, albedo) = (0.85, 0.999);
+    /// let weights = PlaneWeights::for_gathers(g, albedo, 1.0 - albedo * g * g);
+    /// assert!((weights.of(1) - 0.85 / 1.85).abs() < 1e-6 && weights.of(0) == 1.0);
+    /// ```
+    pub fn for_gathers(g: f64, albedo: f64, extinction_scale: f64) -> Self {
+        let forward = if albedo > 0.0 { (1.0 - extinction_scale) / albedo } else { 0.0 };
+        let first = if forward < 1.0 { ((g - forward) / (1.0 - forward)).abs() } else { 1.0 };
+        // What is scattered evenly passes no flux on; a viewer without gathers still reads it.
+        let first = first.clamp(LEAST_WEIGHT, 1.0) as f32;
+        Self(vec![1.0, first, first, first])
+    }
+
+    /// Weight of plane `plane`, above 0; 1 of planes that there is none for.
+    pub fn of(&self, plane: usize) -> f32 {
+        self.0.get(plane).copied().unwrap_or(1.0)
+    }
+}
+
+/// Least weight of degree 1: below it a picture without a gather would lose its directions altogether.
+const LEAST_WEIGHT: f64 = 0.1;
+
 /// Bins of coefficient magnitude: sixteen to each power of two.
 const BIN_SHIFT: u32 = 19;
 const BINS: usize = 1 << (31 - BIN_SHIFT);
@@ -35,22 +72,34 @@ fn lower_edge(bin: usize) -> f32 {
 }
 
 /// Compresses the planes of one source so that the root of all squared errors stays at or below `relative_error` times the
-/// root of all squared values.
+/// root of all squared values, each plane's multiplied by its weight.
 ///
 /// Rows of codec `Entropy` come as `Bytes` has them: the section that they go into codes them over all rows.
 /// `coefficients` holds `planes` planes from [`squall_formats::haar::Haar::forward`]. With codec `Paper` nothing is quantised.
 /// `relative_error` 0 keeps every coefficient that is not zero.
 pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_error: f64) -> CompressedRow {
+    compress_weighted_row(coefficients, &PlaneWeights::even(planes), planes, codec, relative_error)
+}
+
+/// [`compress_row`] with a weight a plane. The bounds that come with the row are of the planes themselves.
+pub fn compress_weighted_row(
+    coefficients: &[f32],
+    weights: &PlaneWeights,
+    planes: usize,
+    codec: Codec,
+    relative_error: f64,
+) -> CompressedRow {
     let cells = coefficients.len() / planes;
     let mut energy = vec![0.0f64; BINS];
     let mut count = vec![0usize; BINS];
     let mut total = 0.0;
-    for plane in coefficients.chunks_exact(cells) {
-        total += f64::from(plane[0]) * f64::from(plane[0]);
+    for (at, plane) in coefficients.chunks_exact(cells).enumerate() {
+        let weight = weights.of(at);
+        total += square(weight * plane[0]);
         for &value in &plane[1..] {
-            let square = f64::from(value) * f64::from(value);
-            total += square;
-            energy[bin(value)] += square;
+            let value = weight * value;
+            total += square(value);
+            energy[bin(value)] += square(value);
             count[bin(value)] += 1;
         }
     }
@@ -78,8 +127,11 @@ pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_
         }
     }
     loop {
-        let row = write_row(coefficients, cells, codec, lower_edge(edge));
-        let error: f64 = row.bounds.iter().map(|b| square(b.discarded) + square(b.quantised)).sum();
+        let row = write_row(coefficients, weights, cells, codec, lower_edge(edge));
+        let off = |(at, bound): (usize, &CoefficientBound)| {
+            square(weights.of(at)) * (square(bound.discarded) + square(bound.quantised))
+        };
+        let error: f64 = row.bounds.iter().enumerate().map(off).sum();
         if error <= budget || edge == 0 {
             return row;
         }
@@ -87,25 +139,39 @@ pub fn compress_row(coefficients: &[f32], planes: usize, codec: Codec, relative_
     }
 }
 
-/// The same with the threshold given: coefficients of that magnitude and above are kept. A threshold of 0 keeps all that are not zero.
-pub fn compress_row_at(coefficients: &[f32], planes: usize, codec: Codec, threshold: f32) -> CompressedRow {
-    write_row(coefficients, coefficients.len() / planes, codec, threshold)
+/// The same with the threshold given: coefficients of that magnitude over their plane's weight and above are kept. A threshold of 0 keeps
+/// all that are not zero.
+pub fn compress_row_at(
+    coefficients: &[f32],
+    weights: &PlaneWeights,
+    planes: usize,
+    codec: Codec,
+    threshold: f32,
+) -> CompressedRow {
+    write_row(coefficients, weights, coefficients.len() / planes, codec, threshold)
 }
 
 fn square(value: f32) -> f64 {
     f64::from(value) * f64::from(value)
 }
 
-/// Writes all planes with threshold ξ: coefficients of magnitude ξ and above are kept.
-fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -> CompressedRow {
-    // A threshold of 0 keeps all that is not zero; the step then has to be something else.
-    let step = if codec == Codec::Paper { 0.0 } else { threshold * STEP_PER_THRESHOLD };
-    // A step whose largest multiple is no number is none: coefficients that large are kept as they are.
-    let step = if (step * 127.0).is_finite() { step } else { 0.0 };
+/// Writes all planes with threshold ξ: coefficients of magnitude ξ over the plane's weight and above are kept.
+fn write_row(
+    coefficients: &[f32],
+    weights: &PlaneWeights,
+    cells: usize,
+    codec: Codec,
+    row_threshold: f32,
+) -> CompressedRow {
     let (mut heads, mut streams) = (Vec::new(), Vec::new());
     let (mut bounds, mut kept) = (Vec::new(), 0);
     let mut writer = StreamWriter::default();
-    for plane in coefficients.chunks_exact(cells) {
+    for (at, plane) in coefficients.chunks_exact(cells).enumerate() {
+        let threshold = row_threshold / weights.of(at);
+        // A threshold of 0 keeps all that is not zero; the step then has to be something else.
+        let step = if codec == Codec::Paper { 0.0 } else { threshold * STEP_PER_THRESHOLD };
+        // A step whose largest multiple is no number is none: coefficients that large are kept as they are.
+        let step = if (step * 127.0).is_finite() { step } else { 0.0 };
         let (mut discarded, mut quantised) = (0.0f64, 0.0f64);
         let mut paper = Vec::new();
         for (index, &value) in plane.iter().enumerate().skip(1) {
@@ -138,7 +204,7 @@ fn write_row(coefficients: &[f32], cells: usize, codec: Codec, threshold: f32) -
         bounds.push(CoefficientBound { discarded: round_up(discarded), quantised: round_up(quantised) });
     }
     heads.extend_from_slice(&streams);
-    CompressedRow { bytes: heads, bounds, kept, threshold }
+    CompressedRow { bytes: heads, bounds, kept, threshold: row_threshold }
 }
 
 /// Root of a sum of squares as an f32 that is not below it.
@@ -189,6 +255,30 @@ mod tests {
             let total: f64 = values.iter().map(|&v| square(v)).sum();
             prop_assert!(total_error <= error * error * total * (1.0 + 1e-6));
         }
+    }
+
+    #[test]
+    fn a_plane_that_counts_for_less_keeps_less_and_the_weighted_error_stays_within_the_budget() {
+        const ERROR: f64 = 0.1;
+        let plane: Vec<f32> =
+            (0..512).map(|i| libm::expf(-(i as f32) * 0.02) * ((i * 37) % 11 + 1) as f32).collect();
+        let planes: Vec<f32> = plane.repeat(4);
+        let kept = |row: &CompressedRow, at: usize| {
+            decode(row, 4, 512, Codec::Bytes)[512 * at..][..512].iter().filter(|value| **value != 0.0).count()
+        };
+        let even = compress_row(&planes, 4, Codec::Bytes, ERROR);
+        let weights = PlaneWeights::for_gathers(0.85, 1.0, 1.0 - 0.85 * 0.85);
+        let weighted = compress_weighted_row(&planes, &weights, 4, Codec::Bytes, ERROR);
+        assert_eq!(kept(&even, 0), kept(&even, 1));
+        assert!(kept(&weighted, 1) < kept(&weighted, 0), "{} {}", kept(&weighted, 1), kept(&weighted, 0));
+        let read = decode(&weighted, 4, 512, Codec::Bytes);
+        let (mut off, mut size) = (0.0, 0.0);
+        for (at, (value, read)) in planes.iter().zip(&read).enumerate() {
+            let weight = f64::from(weights.of(at / 512));
+            off += (weight * f64::from(value - read)).powi(2);
+            size += (weight * f64::from(*value)).powi(2);
+        }
+        assert!(off <= ERROR * ERROR * size * (1.0 + 1e-6));
     }
 
     #[test]

@@ -204,7 +204,7 @@ fn compare_grids(a: &Asset, b: &Asset, found: &mut Difference) -> Result<(), Bak
         found.cannot(CloudSection::TAG, format!("{:?} beside {:?}", x.head.shape, r.head.shape));
         return Ok(());
     }
-    let l2 = relative_l2(x.extinction, r.extinction);
+    let l2 = relative_l2(&x.extinction.values(), &r.extinction.values());
     found.measured(CloudSection::TAG, "extinction, relative L2", l2);
     if x.head != r.head {
         found.cannot(CloudSection::TAG, format!("other optics or place: {:?} beside {:?}", x.head, r.head));

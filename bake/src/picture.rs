@@ -105,6 +105,11 @@ pub fn encode_png8_noted(picture: &Picture, tone: &Tone, note: Option<Note>) -> 
     encode_png(picture, png::BitDepth::Eight, tone.to_srgb8(picture).as_flattened(), note)
 }
 
+/// A PNG of `width` × `height` sRGB pixels, three bytes each. Errors: a picture without pixels, bytes of another number.
+pub fn encode_rgb8([width, height]: [usize; 2], bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+    encode_png(&Picture { width, height, pixels: Vec::new() }, png::BitDepth::Eight, bytes, None)
+}
+
 /// Bytes of the file that [`write_exr`] writes. Errors: a picture without pixels.
 pub fn encode_exr(picture: &Picture) -> std::io::Result<Vec<u8>> {
     encode_exr_noted(picture, None)

@@ -10,6 +10,8 @@
 //! | phi_sc | the rows' fluence rate less the virtual sources' direct light | the rows' fluence rate, and light scattered forward only, of the lamps themselves |
 //! | jcam, image | the rows' J | the rows' J without direct light, and that of the lamps themselves |
 
+pub mod compare;
+
 use crate::cloud::automatic_samples;
 use crate::cloud::image::{Sampling, shortest};
 use crate::error::BakeError;
@@ -154,12 +156,9 @@ pub fn relight(
     }
     progress.check()?;
 
-    let towards: Vec<DVec3> = match camera.projection {
-        Projection::Orthographic { .. } => vec![-camera.forward],
-        Projection::Perspective { .. } => Vec::new(),
-    };
+    let towards = towards_camera(camera);
     let rays = if from == DirectFrom::Lamps { lights } else { &outside };
-    let exact = rays.len() * (camera.width * camera.height) as usize <= EXACT_WORK;
+    let exact = is_exact(rays, camera);
     // Direct light of the lamps that the rows do not answer for, towards an orthographic camera.
     let cell_direct =
         (cells || !exact && !towards.is_empty()).then(|| solver.direct(rays, &towards, samples));
@@ -213,6 +212,19 @@ pub fn relight(
         exact_direct: exact,
     };
     Ok((fields, report))
+}
+
+/// The direction from the cloud to an orthographic camera; none of a perspective one.
+fn towards_camera(camera: &Camera) -> Vec<DVec3> {
+    match camera.projection {
+        Projection::Orthographic { .. } => vec![-camera.forward],
+        Projection::Perspective { .. } => Vec::new(),
+    }
+}
+
+/// Whether direct light of `lights` is followed for every ray of the camera's picture.
+fn is_exact(lights: &[PointLight], camera: &Camera) -> bool {
+    lights.len() * (camera.width * camera.height) as usize <= EXACT_WORK
 }
 
 /// Where direct light is to come from. Errors: what the asset was not baked for.

@@ -18,7 +18,7 @@ mod schedule;
 mod solved;
 pub mod visibility;
 
-use crate::compress::{CompressedRow, compress_row};
+use crate::compress::{CompressedRow, compress_weighted_row};
 use crate::error::BakeError;
 use crate::progress::Progress;
 pub use crate::recipe::model::ResponseSettings;
@@ -50,7 +50,10 @@ const BATCHES_AT_ONCE: usize = 16;
 pub fn bake_response(job: &Job<'_>, progress: &dyn Progress) -> Result<BakedResponse, BakeError> {
     let settings = job.settings;
     let count = settings.basis.count();
-    let code = |planes: Vec<f32>| compress_row(&planes, count, settings.codec, settings.relative_error);
+    let weights = job.plane_weights();
+    let code = |planes: Vec<f32>| {
+        compress_weighted_row(&planes, &weights, count, settings.codec, settings.relative_error)
+    };
     let (mut rows, mut kept, mut thresholds) = (ResponseRows::default(), 0, Vec::new());
     let mut take = |row: CompressedRow| {
         kept += row.kept;
@@ -81,7 +84,8 @@ pub fn solve_rows(job: &Job<'_>, progress: &dyn Progress) -> Result<SolvedRows, 
         (SOLVED, Some(view_region)) => Some(TowardsViewRegion::new(job.cloud, view_region, &head)),
         _ => None,
     };
-    Ok(SolvedRows { head, planes, held_out, sweeps, towards })
+    let weights = job.plane_weights();
+    Ok(SolvedRows { head, planes, held_out, sweeps, weights, towards })
 }
 
 /// Strokes with their truth: each solved directly, in the same way as rows are.

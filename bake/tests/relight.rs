@@ -331,3 +331,25 @@ fn bad_lamps_cameras_assets_and_names_are_one_line_and_exit_3() {
     let every = json!(every).to_string();
     refused(&baked().path("damaged.squall"), &every, &good_camera, "a.exr", &[], "checksum");
 }
+
+#[test]
+fn a_comparison_finds_the_assets_light_right_and_single_scattering_too_dark() {
+    // Rows were solved with a fourth of the directions and coded; a node has no error of splitting.
+    const ROWS: f64 = 0.1;
+    let folder = tempfile::tempdir().unwrap();
+    let beside = folder.path().join("beside");
+    let place = beside.to_str().unwrap();
+    let relit = relight("late", &[light(NODES[0], 3.0)], 1, &["--compare", place]);
+    let report: Value = serde_json::from_slice(&std::fs::read(beside.join("compare.json")).unwrap()).unwrap();
+    let number = |of: &str, what: &str| report[of][what].as_f64().unwrap();
+    for of in ["whole", "scattered_again", "fluence"] {
+        assert!(number(of, "l2") < ROWS && number(of, "median") < ROWS, "{of}: {report}");
+    }
+    assert!(number("single", "mean") < -0.2 && number("single", "l2") > number("whole", "l2"), "{report}");
+    for name in report["files"].as_array().unwrap() {
+        let bytes = std::fs::read(beside.join(name.as_str().unwrap())).unwrap();
+        assert!(!bytes.is_empty(), "{name}");
+    }
+    assert!(relit.error.contains("single scattering alone"), "{}", relit.error);
+    assert_eq!(report["section"]["across"], "y");
+}

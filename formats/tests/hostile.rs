@@ -314,10 +314,72 @@ fn each_damaged_field_of_a_cloud_grid_is_named() {
     let bytes = sample(CloudSection::TAG);
     let good = CloudSection::read(bytes.bytes(), 1, &Limits::default()).unwrap();
     for (field, spoil) in damage {
-        let (mut head, mut values) = (good.head.clone(), good.extinction.to_vec());
+        let (mut head, mut values) = (good.head.clone(), good.extinction.values().into_owned());
         spoil(&mut head, &mut values);
-        let bytes = Aligned::new(&CloudSection { head, extinction: &values }.write().to_bytes());
+        let bytes = Aligned::new(&CloudSection { head, extinction: (&values[..]).into() }.write().to_bytes());
         names(field, read(CloudSection::TAG, bytes.bytes()));
+    }
+}
+
+#[test]
+fn a_grid_of_few_cells_with_cloud_says_what_is_damaged_in_it() {
+    let _turn = alone();
+    let shape = GridShape::new(7, 5, 3);
+    let head =
+        CloudHead { shape, cell_m: [50.0; 3], origin_m: [0.0; 3], albedo: 1.0, g: 0.85, periodic_xy: false };
+    let mut extinction = vec![0.0; shape.len()];
+    for cell in [0, 9, 64, 104] {
+        extinction[cell] = 0.01 + cell as f32;
+    }
+    let section = CloudSection::write_smallest(&head, &extinction);
+    assert_eq!(section.version, 2);
+    let good = Aligned::new(&section.to_bytes());
+    let read = |bytes: &Aligned| {
+        let section = CloudSection::read(bytes.bytes(), 2, &Limits::default())?;
+        section.check_values()?;
+        Ok(section.extinction.values().into_owned())
+    };
+    assert_eq!(read(&good).unwrap(), extinction);
+    let bulk = section.head_length as usize;
+    let bits = shape.len().div_ceil(32) * 4;
+    type Spoil = fn(&mut Vec<u8>, usize, usize);
+    let damage: [(&str, Spoil); 8] = [
+        ("cells that are not empty", |bytes, bulk, _| bytes[bulk] ^= 2),
+        // One bit gone, one beyond the last cell: as many as there are values.
+        ("cells that are not empty", |bytes, bulk, bits| {
+            bytes[bulk] ^= 1;
+            bytes[bulk + bits - 1] ^= 0x80;
+        }),
+        ("extinction", |bytes, bulk, bits| bytes[bulk + bits..][..4].fill(0)),
+        ("extinction", |bytes, bulk, bits| {
+            bytes[bulk + bits..][..4].copy_from_slice(&f32::NAN.to_le_bytes())
+        }),
+        ("extinction", |bytes, bulk, bits| bytes[bulk + bits + 3] ^= 0x80),
+        ("extinction", |bytes, _, _| bytes.truncate(bytes.len() - 4)),
+        ("extinction", |bytes, _, _| bytes.extend([0; 4])),
+        ("extinction", |bytes, bulk, _| bytes.truncate(bulk)),
+    ];
+    for (field, spoil) in damage {
+        let mut bytes = good.bytes().to_vec();
+        spoil(&mut bytes, bulk, bits);
+        names(field, read(&Aligned::new(&bytes)).map(drop));
+    }
+}
+
+#[test]
+fn a_grid_takes_the_form_of_fewer_bytes() {
+    let _turn = alone();
+    let shape = GridShape::new(8, 8, 8);
+    let head =
+        CloudHead { shape, cell_m: [50.0; 3], origin_m: [0.0; 3], albedo: 1.0, g: 0.85, periodic_xy: false };
+    // 64 bytes of bits are worth 16 empty cells.
+    for (empty, version) in [(0, 1), (16, 1), (17, 2), (512, 2)] {
+        let extinction: Vec<f32> = (0..512).map(|cell| if cell < empty { 0.0 } else { 0.5 }).collect();
+        let section = CloudSection::write_smallest(&head, &extinction);
+        assert_eq!(section.version, version, "{empty} empty cells");
+        let bytes = Aligned::new(&section.to_bytes());
+        let back = CloudSection::read(bytes.bytes(), version, &Limits::default()).unwrap();
+        assert_eq!(back.extinction.values()[..], extinction[..]);
     }
 }
 

@@ -120,7 +120,7 @@ impl Relighter {
             shape: head.shape,
             cell_m: head.cell_m,
             origin_m: DVec3::from_array(head.origin_m),
-            extinction: grid.extinction.to_vec(),
+            extinction: grid.extinction.values().into_owned(),
             albedo: head.albedo,
             g: head.g,
             boundary: if head.periodic_xy { Boundary::PeriodicXy } else { Boundary::Open },

@@ -160,7 +160,7 @@ fn a_large_grid_in_clear_air_with_many_nodes_without_rows_opens_within_bounds() 
     let shape = GridShape::new(128, 128, 16);
     let head =
         CloudHead { shape, cell_m: [50.0; 3], origin_m: [0.0; 3], albedo: 1.0, g: 0.85, periodic_xy: false };
-    let cloud = CloudSection { head, extinction: &vec![0.01; shape.len()] }.write();
+    let cloud = CloudSection::write_smallest(&head, &vec![0.01; shape.len()]);
     let axis = |count: u32| (0..count).map(f64::from).collect();
     let grid = LightGrid { x_m: axis(100), y_m: axis(100), z_m: axis(100) };
     let rows = vec![NO_ROW; grid.len()];

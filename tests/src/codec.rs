@@ -91,6 +91,7 @@ fn settings(case: Case) -> ResponseSettings {
         view_region: None,
         refine: 1,
         stored: Stored::Means,
+        error_for: Default::default(),
         samples: 1,
         solve: SolveSettings { quadrature, tolerance: 1e-2, ..SolveSettings::default() },
     }
@@ -123,7 +124,7 @@ fn bake(case: Case) -> Baked {
         g: cloud.g,
         periodic_xy: false,
     };
-    let grid = CloudSection { head, extinction: &cloud.extinction }.write();
+    let grid = CloudSection::write_smallest(&head, &cloud.extinction);
     let rows = response::write(&response.head, std::mem::take(&mut response.rows));
     let mut bytes = Vec::new();
     write(&mut bytes, &[grid, rows]).unwrap();

@@ -57,6 +57,7 @@ fn settings(finer: u32, relative_error: f64) -> ResponseSettings {
         view_region: None,
         refine: 1,
         stored: Stored::Means,
+        error_for: Default::default(),
         samples: 4,
         solve: SolveSettings {
             quadrature: Quadrature::DoubleGauss { polar: 2, azimuths: 8 },

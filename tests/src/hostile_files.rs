@@ -178,10 +178,10 @@ fn response_beside(nx: u32) -> Vec<u8> {
     let per_row = head.shape.nx as usize;
     head.shape.nx = nx;
     let row = |row: &[f32]| (0..nx as usize).map(|x| row[x * per_row / nx as usize]).collect::<Vec<f32>>();
-    let cells: Vec<f32> = grid.extinction.chunks_exact(per_row).flat_map(row).collect();
+    let cells: Vec<f32> = grid.extinction.values().chunks_exact(per_row).flat_map(row).collect();
     let mut sections = sections(&bytes);
     let at = sections.iter().position(|section| section.tag == CloudSection::TAG).unwrap();
-    sections[at] = CloudSection { head, extinction: &cells }.write();
+    sections[at] = CloudSection::write_smallest(&head, &cells);
     written(&sections)
 }
 

@@ -60,15 +60,31 @@ struct Grid {
 
 impl Grid {
     fn read(file: &[u8]) -> Self {
-        let (part, _) = section(file, b"CLDG");
+        let (part, version) = section(file, b"CLDG");
         let mut at = Bytes(part, 8);
         let counts = [0; 3].map(|_| at.u32() as usize);
         let cell = [0; 3].map(|_| at.f64());
         let origin = [0; 3].map(|_| at.f64());
         let (_albedo, g, periodic) = (at.f64(), at.f64(), at.u8());
         assert_eq!(periodic, 0);
+        let cells: usize = counts.iter().product();
         let mut bulk = Bytes(part, behind_metadata(part));
-        let extinction = (0..counts.iter().product()).map(|_| f64::from(bulk.f32())).collect();
+        let extinction = match version {
+            1 => (0..cells).map(|_| f64::from(bulk.f32())).collect(),
+            // A bit a cell, and a number for each that is set.
+            2 => {
+                let filled = at.u32() as usize;
+                let bits = &part[behind_metadata(part)..][..cells.div_ceil(32) * 4];
+                assert_eq!(filled, bits.iter().map(|byte| byte.count_ones() as usize).sum::<usize>());
+                let mut values = Bytes(part, behind_metadata(part) + bits.len());
+                let value = |cell: usize| match bits[cell / 8] >> (cell % 8) & 1 {
+                    1 => f64::from(values.f32()),
+                    _ => 0.0,
+                };
+                (0..cells).map(value).collect()
+            }
+            version => panic!("CLDG of version {version}"),
+        };
         Self { counts, cell, origin, g, extinction }
     }
 
@@ -355,4 +371,16 @@ fn light_worked_out_from_the_specifications_words_is_the_runtimes() {
     // The test can tell: with the cloud's phase function for all of it, J is another.
     assert!(one_phase > 10.0 * TOGETHER, "{one_phase}");
     println!("{compared} cells: {off:.2e} off; with one phase function {one_phase:.2}");
+}
+
+#[test]
+fn a_grid_read_by_the_specifications_words_is_the_runtimes_in_both_versions() {
+    for (name, wanted) in [("v1/golden", 1), ("v5/fit", 2)] {
+        let path = root().join(format!("data/golden/{name}.squall"));
+        let file = std::fs::read(&path).unwrap();
+        assert_eq!(section(&file, b"CLDG").1, wanted, "{name}");
+        let cloud = Relighter::new(&Asset::open(&path).unwrap()).unwrap().cloud().clone();
+        let runtime: Vec<f64> = cloud.extinction.iter().map(|&value| f64::from(value)).collect();
+        assert_eq!(Grid::read(&file).extinction, runtime, "{name}");
+    }
 }

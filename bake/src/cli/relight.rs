@@ -1,4 +1,6 @@
-//! `squall relight ASSET --lamps LAMPS.json --camera CAMERA.json -o IMAGE [--field DIR]`
+//! `squall relight ASSET --lamps LAMPS.json --camera CAMERA.json -o IMAGE [--field DIR] [--compare DIR]`
+
+mod compare;
 
 use super::asset;
 use super::camera::CameraArgs;
@@ -15,6 +17,7 @@ use squall_bake::output::write_atomically;
 use squall_bake::progress::Progress;
 use squall_bake::provenance::tool;
 use squall_bake::relit::{DirectFrom, EXACT_WORK, RelitReport, relight};
+use squall_formats::section::response::DirectionalBasis;
 use squall_runtime::Clouds;
 use squall_runtime::camera::Camera;
 use squall_runtime::tone::Tone;
@@ -42,6 +45,10 @@ pub struct Args {
     /// Folder for per-cell fields in the layout of `squall solve`, and relight.json; made if missing.
     #[arg(long, value_name = "DIR")]
     field: Option<PathBuf>,
+    /// Folder for the same lamps' light solved for directly, single scattering alone, differences, a section and figures; made if
+    /// missing. The solve takes seconds to minutes.
+    #[arg(long, value_name = "DIR")]
+    compare: Option<PathBuf>,
     /// Factor on radiance for a .png, m² sr/W; left out, the brightest hundredth of the lit pixels comes out bright.
     #[arg(long, value_name = "FACTOR", value_parser = exposure)]
     exposure: Option<f32>,
@@ -92,6 +99,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             ..Fields::default()
         };
         folder.expect(all.file_names().iter().map(String::as_str).chain(["relight.json"]))?;
+    }
+    let towards_region =
+        matches!(clouds.relighter().response().head.basis, DirectionalBasis::ViewRegion { .. });
+    let mut beside = args.compare.as_deref().map(OutputFolder::prepare).transpose()?;
+    if let Some(beside) = &mut beside {
+        beside.expect(compare::names(!towards_region))?;
     }
     let bars = args.common.start()?;
     let direct = args.direct.map(|direct| match direct {
@@ -148,6 +161,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         })?;
         bars.say(&format!("{}: {}", place.display(), files.join(" ")));
         summary["files"] = json!(files);
+    }
+    if let (Some(beside), Some(place)) = (beside, &args.compare) {
+        let bars = args.common.start()?;
+        let found =
+            squall_bake::relit::compare::compare(&mut clouds, &lamps, (&name, &camera), direct, &bars)?;
+        bars.finish();
+        bars.check()?;
+        if towards_region {
+            bars.say("note: no section: the asset's rows hold light towards its view region alone");
+        }
+        summary["compare"] = compare::write(beside, &found, &tone)?;
+        bars.say(&format!("{}:\n{}", place.display(), compare::words(&found)));
     }
     if !args.json {
         return Ok(());

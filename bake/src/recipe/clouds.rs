@@ -1,6 +1,8 @@
 //! `[clouds]` of a recipe, as it is typed and checked.
 
-use super::model::{CloudBudget, Clouds, Given, Keys, Optics, ResponseSettings, SunWish, VirtualLights};
+use super::model::{
+    CloudBudget, Clouds, ErrorFor, Given, Keys, Optics, ResponseSettings, SunWish, VirtualLights,
+};
 use super::number::Number;
 use super::place::Source;
 use crate::error::RecipeError;
@@ -113,6 +115,7 @@ struct ResponseFile {
     sun_direction: Option<Spanned<[f64; 3]>>,
     cells: Option<Spanned<[u32; 3]>>,
     stored: Option<Spanned<StoredName>>,
+    error_for: Option<Spanned<ErrorForName>>,
     test_strokes: Option<Number>,
     seen_only: Option<bool>,
 }
@@ -150,6 +153,13 @@ enum CodecName {
     Entropy,
     Bytes,
     Paper,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum ErrorForName {
+    Viewers,
+    Gathers,
 }
 
 #[derive(Clone, Copy, Deserialize, PartialEq)]
@@ -389,6 +399,7 @@ impl CloudsFile {
             // Set where it is known.
             view_region: None,
             stored: response.stored(transport, source)?,
+            error_for: response.error_for(source)?,
             refine: source.count("clouds.transport.refine", &transport.refine, 1, [1, 16])?,
             samples: source.count("clouds.transport.samples", &transport.samples, 1, [1, 16])?,
             // Set where virtual lights are known.
@@ -461,6 +472,22 @@ impl ResponseFile {
             return Err(source.error(name.span(), "clouds.response.stored", wanted, "\"fit\""));
         }
         Ok(Stored::Fit)
+    }
+
+    /// Whom the error is about; gathers where rows hold what a gather reads and no more.
+    fn error_for(&self, source: &Source) -> Result<ErrorFor, RecipeError> {
+        let Some(name) = self.error_for.as_ref().filter(|name| *name.get_ref() == ErrorForName::Gathers)
+        else {
+            return Ok(ErrorFor::Viewers);
+        };
+        let basis = self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis();
+        let direct = self.direct.unwrap_or(DirectName::RunTime);
+        if basis != (DirectionalBasis::Harmonics { degree: 1 }) || matches!(direct, DirectName::Rows) {
+            let wanted =
+                "\"viewers\", or basis \"harmonics-1\" and direct \"run-time\" beside it: what gathers read";
+            return Err(source.error(name.span(), "clouds.response.error_for", wanted, "\"gathers\""));
+        }
+        Ok(ErrorFor::Gathers)
     }
 
     fn light_cells(&self, source: &Source) -> Result<Option<[u32; 3]>, RecipeError> {

@@ -251,6 +251,8 @@ pub struct ResponseSettings {
     pub refine: u32,
     /// What cells hold of light that was solved for in smaller ones: parts of them, or with `Fit` those that are shown.
     pub stored: Stored,
+    /// What the error of a coefficient counts for.
+    pub error_for: ErrorFor,
     /// Direct rays per boundary face of the solve grid and axis.
     pub samples: u32,
     /// Levels of virtual lights between those of the light grid, each with half the distance of the one before, in and beside cloud alone.
@@ -329,6 +331,16 @@ impl CloudBudget {
     pub fn errors(&self) -> bool {
         self.stroke_l2.is_some() || self.relit_l2.is_some()
     }
+}
+
+/// Whom `clouds.response.error` is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ErrorFor {
+    /// Those who look at light as it is stored: all coefficients count alike.
+    #[default]
+    Viewers,
+    /// Gathers at run time: coefficients count as a gather scatters them ([`crate::compress::PlaneWeights::for_gathers`]).
+    Gathers,
 }
 
 /// What a fit is asked for.

@@ -7,7 +7,7 @@
 use super::hidden::HiddenCells;
 use super::job::{HeldOutStroke, Job, SolveCells};
 use super::nodes::{Batch, Levels, batches, reach_m};
-use crate::compress::{CompressedRow, compress_row_at};
+use crate::compress::{CompressedRow, PlaneWeights, compress_row_at};
 use crate::error::BakeError;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -129,6 +129,7 @@ struct Level<'a> {
     cells: &'a SolveCells,
     seen: Option<Vec<bool>>,
     threshold: f32,
+    weights: PlaneWeights,
     /// Of each held-out stroke the share of each node.
     shares: Vec<BTreeMap<u32, f32>>,
 }
@@ -166,6 +167,7 @@ impl<'a> Level<'a> {
             cells,
             seen: head.seen.as_ref().map(|_| (0..head.shape.len()).map(|cell| head.sees(cell)).collect()),
             threshold,
+            weights: job.plane_weights(),
             shares: baked.held_out.iter().map(shares).collect(),
         })
     }
@@ -248,7 +250,8 @@ impl<'a> Level<'a> {
                 done.uncoded.push((node, planes.clone()));
             }
             grids(&mut planes, &mut |plane| haar.forward(plane, &mut work.scratch));
-            let row = compress_row_at(&planes, settings.basis.count(), settings.codec, self.threshold);
+            let (count, codec) = (settings.basis.count(), settings.codec);
+            let row = compress_row_at(&planes, &self.weights, count, codec, self.threshold);
             if row.kept > 0 {
                 done.nodes.push(node);
                 done.rows.push(row);

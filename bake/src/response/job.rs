@@ -2,8 +2,9 @@
 
 use super::cache::ResponseCache;
 use super::grid::WantedLights;
+use crate::compress::PlaneWeights;
 use crate::error::BakeError;
-use crate::recipe::model::ResponseSettings;
+use crate::recipe::model::{ErrorFor, ResponseSettings};
 use squall_formats::section::response::{DistantKind, ResponseHead, ResponseRows, Stored, SunDirections};
 use squall_runtime::relight::PointLight;
 use squall_runtime::transport::cloud::CoarseIndex;
@@ -42,6 +43,22 @@ pub struct Job<'a> {
     /// Where rows and strokes may have been solved before.
     pub cache: Option<&'a ResponseCache>,
 }
+
+impl Job<'_> {
+    /// What an error in each plane of a row counts for.
+    pub(super) fn plane_weights(&self) -> PlaneWeights {
+        match self.settings.error_for {
+            ErrorFor::Viewers => PlaneWeights::even(self.settings.basis.count()),
+            ErrorFor::Gathers => {
+                let scale = self.cloud.scaled(GATHERED_DEGREE).extinction_scale;
+                PlaneWeights::for_gathers(self.cloud.g, self.cloud.albedo, scale)
+            }
+        }
+    }
+}
+
+/// Degree up to which a gather scatters what it reads.
+const GATHERED_DEGREE: usize = 1;
 
 /// The cells that light is solved for in, and how those become the stored ones.
 pub(super) struct SolveCells {

@@ -3,7 +3,7 @@
 use super::hidden::HiddenCells;
 use super::job::{BakedResponse, HeldOutStroke};
 use super::region::ViewRegionMap;
-use crate::compress::{CompressedRow, compress_row};
+use crate::compress::{CompressedRow, PlaneWeights, compress_row, compress_weighted_row};
 use rayon::prelude::*;
 use squall_formats::haar::Haar;
 use squall_formats::section::response::{Codec, DirectionalBasis, ResponseHead, ResponseRows};
@@ -20,6 +20,8 @@ pub struct SolvedRows {
     pub held_out: Vec<HeldOutStroke>,
     /// Sweeps times sixteen lights.
     pub sweeps: u64,
+    /// What errors count for in the basis that was solved for.
+    pub(super) weights: PlaneWeights,
     /// What turns them into polynomials towards the view region, where there is one and sixteen harmonics were solved for.
     pub(super) towards: Option<TowardsViewRegion>,
 }
@@ -86,7 +88,16 @@ impl SolvedRows {
                 let planes = towards.coefficients(planes, degree);
                 compress_row(&planes, basis.count(), codec, relative_error)
             }
-            None => compress_row(&planes[..length], basis.count(), codec, relative_error),
+            None => {
+                let planes = &planes[..length];
+                // Gathers read harmonics of degree 1.
+                match basis {
+                    DirectionalBasis::Harmonics { degree: 1 } => {
+                        compress_weighted_row(planes, &self.weights, basis.count(), codec, relative_error)
+                    }
+                    _ => compress_row(planes, basis.count(), codec, relative_error),
+                }
+            }
         };
         let coded: Vec<CompressedRow> = self.planes.par_iter().map(code).collect();
         let (mut rows, mut kept) = (ResponseRows::default(), 0);

@@ -42,7 +42,7 @@ pub fn check(tag: Tag, bytes: &[u8], version: u16, limits: &Limits) -> Result<Op
         CloudSection::TAG => {
             let cloud = CloudSection::read(bytes, version, limits)?;
             cloud.check_values()?;
-            checked.bulk_bytes = size_of_val(cloud.extinction) as u64;
+            checked.bulk_bytes = cloud.extinction.bytes();
         }
         ResponseSection::TAG => {
             let response = ResponseSection::read(bytes, version, limits)?;

@@ -188,5 +188,5 @@ pub fn asset(sections: &[OutSection]) -> Asset {
 
 /// The section of a cloud.
 pub fn cloud_section(head: &CloudHead, extinction: &[f32]) -> OutSection {
-    CloudSection { head: head.clone(), extinction }.write()
+    CloudSection::write_smallest(head, extinction)
 }

@@ -58,6 +58,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             relative_error: 0.02,
             refine: 1,
             stored: Stored::Means,
+            error_for: Default::default(),
             samples: 2,
             solve: SolveSettings {
                 quadrature: Quadrature::Lebedev26,
@@ -87,7 +88,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             periodic_xy: false,
         };
         let sections = [
-            CloudSection { head, extinction: &cloud.extinction }.write(),
+            CloudSection::write_smallest(&head, &cloud.extinction),
             response::write(&baked.head, std::mem::take(&mut baked.rows)),
         ];
         let mut bytes = Vec::new();
