@@ -58,6 +58,7 @@ fn clouds(stored: Stored, refine: u32, blocks: u32) -> (Clouds, u16) {
         seen_only: true,
         view_region: None,
         refine,
+        error_for: Default::default(),
         stored,
         samples: 2,
         solve: SolveSettings {

@@ -480,7 +480,12 @@ impl ResponseFile {
         else {
             return Ok(ErrorFor::Viewers);
         };
-        let basis = self.basis().map_or(BasisName::Harmonics1, |name| *name.get_ref()).basis();
+        let basis = self
+            .basis
+            .as_ref()
+            .or(self.channels.as_ref())
+            .map_or(BasisName::Harmonics1, |name| *name.get_ref())
+            .basis();
         let direct = self.direct.unwrap_or(DirectName::RunTime);
         if basis != (DirectionalBasis::Harmonics { degree: 1 }) || matches!(direct, DirectName::Rows) {
             let wanted =
