@@ -18,6 +18,7 @@ use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use hidden::{DepthLine, Reach, Seen};
 use std::any::Any;
+use std::sync::{Mutex, PoisonError};
 
 /// Streaks that are prepared and sorted into tiles at a time.
 const PART: usize = 16_384;
@@ -49,6 +50,8 @@ pub(super) struct Canvas {
     /// What the last kernel made of a part's streaks, of a type of its own too, and its bytes.
     ready: Box<dyn Any + Send + Sync>,
     ready_bytes: usize,
+    /// One for each thread: a tile's is used up before the next tile begins.
+    veils: Mutex<Vec<Veil>>,
     mask: Vec<f32>,
 }
 
@@ -62,6 +65,7 @@ impl Default for Canvas {
             band_bytes: 0,
             ready: Box::new(()),
             ready_bytes: 0,
+            veils: Mutex::default(),
             mask: Vec::new(),
         }
     }
@@ -75,14 +79,13 @@ type Ready<P> = (P, Paint);
 struct Band<S, P> {
     scratch: S,
     ribbon: Ribbon,
-    veil: Veil,
     /// A tile's own streaks.
     near: Vec<Ready<P>>,
 }
 
 impl<S, P> Band<S, P> {
     fn bytes(&self) -> usize {
-        self.ribbon.bytes() + self.veil.bytes() + self.near.capacity() * size_of::<Ready<P>>()
+        self.ribbon.bytes() + self.near.capacity() * size_of::<Ready<P>>()
     }
 }
 
@@ -169,7 +172,6 @@ impl Canvas {
             Box::new(Band::<K::Scratch, K::Placed> {
                 scratch: K::Scratch::default(),
                 ribbon: Ribbon::default(),
-                veil: Veil::default(),
                 near: Vec::new(),
             })
         };
@@ -201,7 +203,12 @@ impl Canvas {
         grid: [usize; 2],
         picture: &mut Picture,
     ) {
-        let Self { starts, order, bands, mask, .. } = self;
+        let Self { starts, order, bands, mask, veils, .. } = self;
+        let wanted = threads().min(grid[1]);
+        let veils = &*veils;
+        let pool = || veils.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = pool().len();
+        pool().resize_with(wanted.max(held), Veil::new);
         let list = TileList { starts, order };
         let width = picture.width;
         let rows = width * TILE[1];
@@ -212,7 +219,10 @@ impl Canvas {
             let height = pixels.len() / width;
             let is_first = part.is_first;
             let mut under = Under { pixels, mask, width, top, is_first };
-            let mut brush = Brush { band, secants: &secants, scene };
+            // Never none: no more bands are painted at a time than there are threads.
+            let own = pool().pop();
+            let mut veil = own.unwrap_or_else(Veil::new);
+            let mut brush = Brush { band, veil: &mut veil, secants: &secants, scene };
             for column in 0..grid[0] {
                 let (left, right) = (column * TILE[0], width.min((column + 1) * TILE[0]));
                 // Pictures have at most 2²⁸ pixels.
@@ -220,13 +230,22 @@ impl Canvas {
                 let mine = list.of(index * grid[0] + column);
                 if is_first || !mine.is_empty() {
                     brush.paint_tile(part, mine, Clip { left, top, right, bottom });
-                    brush.band.veil.uncover(&mut under);
+                    brush.veil.uncover(&mut under);
                 }
             }
+            pool().push(veil);
         };
         let pixels = picture.pixels.par_chunks_mut(rows);
         bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
     }
+}
+
+/// Threads that bands are painted on.
+fn threads() -> usize {
+    #[cfg(feature = "rayon")]
+    return rayon::current_num_threads();
+    #[cfg(not(feature = "rayon"))]
+    return 1;
 }
 
 /// A band's number, its working memory, its pixels and its part of the mask.
@@ -259,6 +278,7 @@ impl Canvas {
             + self.bands.capacity() * size_of::<Box<dyn Any>>()
             + self.band_bytes
             + self.ready_bytes
+            + self.veils.lock().unwrap_or_else(PoisonError::into_inner).iter().map(Veil::bytes).sum::<usize>()
     }
 
     /// Each streak's place, light and tiles.
@@ -332,6 +352,7 @@ type Prepare<'a, P> = ((&'a mut Ready<P>, &'a mut TileBox), &'a Streak);
 /// What paints one band, tile by tile.
 struct Brush<'a, K: Kernel, L> {
     band: &'a mut Band<K::Scratch, K::Placed>,
+    veil: &'a mut Veil,
     secants: &'a Secants,
     scene: &'a Scene<'a, K, L>,
 }
@@ -339,7 +360,7 @@ struct Brush<'a, K: Kernel, L> {
 impl<K: Kernel, L> Brush<'_, K, L> {
     /// Lays a tile's streaks over each other.
     fn paint_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], clip: Clip) {
-        self.band.veil.begin(clip);
+        self.veil.begin(clip);
         if mine.is_empty() {
             return;
         }
@@ -350,7 +371,7 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             self.scene.depth.as_ref().map_or(Reach::OPEN, |buffer| Reach::new(buffer, self.secants, clip));
         let (kernel, mut at) = (self.scene.kernel, 0);
         while at < self.band.near.len() {
-            let Band { scratch, ribbon, veil, near } = &mut *self.band;
+            let Band { scratch, ribbon, near } = &mut *self.band;
             let streak = &part.streaks[mine[at] as usize];
             let (seen, run) = match self.scene.depth.is_some() {
                 true => (reach.of(streak), at + 1),
@@ -358,7 +379,7 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             };
             let laid = match seen {
                 Seen::Nowhere => 1,
-                Seen::Everywhere => kernel.lay(&near[at..run], scratch, veil),
+                Seen::Everywhere => kernel.lay(&near[at..run], scratch, self.veil),
                 Seen::InPlaces => 0,
             };
             at += laid;
@@ -374,15 +395,14 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             if matches!(seen, Seen::InPlaces) {
                 self.hide(streak, clip);
             }
-            let Band { ribbon, veil, .. } = &mut *self.band;
-            veil.lay_ribbon(ribbon, paint);
+            self.veil.lay_ribbon(&self.band.ribbon, paint);
         }
     }
 
     /// A streak whose kernel hands on spans.
     fn paint_spans(&mut self, streak: &Streak, placed: &K::Placed, clip: Clip, paint: &Paint) {
-        let Self { band, secants, scene } = self;
-        let Band { scratch, veil, .. } = &mut **band;
+        let Self { band, veil, secants, scene } = self;
+        let scratch = &mut band.scratch;
         let Some(buffer) = &scene.depth else {
             return scene.kernel.draw(placed, clip, scratch, &mut |span| {
                 let blocks = [span.shares, span.covers.unwrap_or(span.shares)];

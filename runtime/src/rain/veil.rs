@@ -15,6 +15,8 @@ pub(crate) const MARGIN: usize = BLOCK;
 /// Pixels from one row to the next: an odd number of lines of the cache, so that rows do not evict each other.
 pub(crate) const STRIDE: usize = 140;
 
+/// Pixels that are laid over the picture, or left out, together.
+const GROUP: usize = 16;
 /// Pixels of 12 bytes in a line of the cache.
 const PER_LINE: usize = 5;
 
@@ -88,9 +90,13 @@ impl Paint {
 }
 
 impl Veil {
+    /// A veil with its memory.
+    pub(super) fn new() -> Self {
+        Self { cells: vec![[0.0; 4]; TILE[1] * STRIDE], ..Self::default() }
+    }
+
     /// Over a tile's pixels, with nothing on it.
     pub(super) fn begin(&mut self, clip: Clip) {
-        self.cells.resize(TILE[1] * STRIDE, [0.0; 4]);
         (self.clip, self.touched) = (clip, [clip.bottom, clip.top]);
     }
 
@@ -238,44 +244,68 @@ impl Veil {
 
     #[inline(always)]
     fn uncover_in(&mut self, registers: impl Registers, under: &mut Under) {
-        let Self { cells, clip, touched } = self;
+        let clip = self.clip;
         let count = (clip.right - clip.left) as usize;
-        let mut at = (clip.top as usize - under.top) * under.width + clip.left as usize;
-        // Fetched at once, as memory is fast: row by row each would wait for its first pixels.
-        let mut seen = 0;
-        for y in touched[0]..touched[1] {
-            let from = (y as usize - under.top) * under.width + clip.left as usize;
-            let lines = under.pixels[from..from + count].iter().step_by(PER_LINE);
-            lines.for_each(|pixel| seen |= pixel[0].to_bits());
+        let at = |y: i32| (y as usize - under.top) * under.width + clip.left as usize;
+        if under.is_first {
+            for y in clip.top..clip.bottom {
+                under.mask[at(y)..at(y) + count].fill(0.0);
+            }
+        }
+        let [first, end] = std::mem::replace(&mut self.touched, [clip.bottom, clip.top]);
+        if first >= end {
+            return;
+        }
+        let rows = (first - clip.top) as usize * STRIDE..(end - clip.top) as usize * STRIDE;
+        // Which groups of a row show anything. Their pixels are fetched at once, as memory is fast: row by row each would wait for its first ones.
+        let (mut shown, mut seen) = ([0u32; TILE[1]], 0);
+        for ((row, shown), y) in self.cells[rows.clone()].chunks_exact(STRIDE).zip(&mut shown).zip(first..end)
+        {
+            let pixels = &under.pixels[at(y)..at(y) + count];
+            let groups = row[MARGIN..MARGIN + count].chunks(GROUP).zip(pixels.chunks(GROUP));
+            for (group, (cells, pixels)) in groups.enumerate() {
+                let any = cells.as_flattened().iter().fold(0, |any, value| any | value.to_bits());
+                if any != 0 {
+                    *shown |= 1 << group;
+                    pixels.iter().step_by(PER_LINE).for_each(|pixel| seen |= pixel[0].to_bits());
+                }
+            }
         }
         std::hint::black_box(seen);
-        for (row, y) in cells.chunks_exact_mut(STRIDE).zip(clip.top..clip.bottom) {
-            let mask = &mut under.mask[at..at + count];
-            if under.is_first {
-                mask.fill(0.0);
-            }
-            if y >= touched[0] && y < touched[1] {
-                let pixels = &mut under.pixels[at..at + count];
-                let (blocks, rest) = row[MARGIN..MARGIN + count].as_chunks::<BLOCK>();
-                let (pixels, last_pixels) = pixels.as_chunks_mut::<BLOCK>();
-                let (mask, last_mask) = mask.as_chunks_mut::<BLOCK>();
-                for ((cells, pixels), mask) in blocks.iter().zip(pixels).zip(mask) {
-                    if let (Some(cells), Some(pixels)) =
-                        (cells.as_flattened().first_chunk(), pixels.as_flattened_mut().first_chunk_mut())
-                    {
-                        registers.uncover(cells, pixels, mask);
-                    }
+        for ((row, shown), y) in self.cells[rows].chunks_exact_mut(STRIDE).zip(shown).zip(first..end) {
+            let pixels = under.pixels[at(y)..at(y) + count].chunks_mut(GROUP);
+            let pixels = pixels.zip(under.mask[at(y)..at(y) + count].chunks_mut(GROUP));
+            let groups = row[MARGIN..MARGIN + count].chunks_mut(GROUP).zip(pixels);
+            for (group, (cells, (pixels, mask))) in groups.enumerate() {
+                if shown >> group & 1 == 1 {
+                    lay_over(registers, cells, pixels, mask);
+                    cells.fill([0.0; 4]);
                 }
-                for ((cell, pixel), mask) in rest.iter().zip(last_pixels).zip(last_mask) {
-                    let keep = 1.0 - cell[3];
-                    pixel.iter_mut().zip(cell).for_each(|(light, own)| *light = *light * keep + own);
-                    *mask = *mask * keep + cell[3];
-                }
-                row.fill([0.0; 4]);
             }
-            at += under.width;
+            // What lines of pixels left beside the tile.
+            row[..MARGIN].fill([0.0; 4]);
+            row[MARGIN + count..].fill([0.0; 4]);
         }
-        *touched = [clip.bottom, clip.top];
+    }
+}
+
+/// Lays some of a veil's pixels over the picture's and into the mask.
+#[inline(always)]
+fn lay_over(registers: impl Registers, cells: &[Cell], pixels: &mut [[f32; 3]], mask: &mut [f32]) {
+    let (blocks, rest) = cells.as_chunks::<BLOCK>();
+    let (pixels, last_pixels) = pixels.as_chunks_mut::<BLOCK>();
+    let (mask, last_mask) = mask.as_chunks_mut::<BLOCK>();
+    for ((cells, pixels), mask) in blocks.iter().zip(pixels).zip(mask) {
+        let (cells, pixels) =
+            (cells.as_flattened().first_chunk(), pixels.as_flattened_mut().first_chunk_mut());
+        if let (Some(cells), Some(pixels)) = (cells, pixels) {
+            registers.uncover(cells, pixels, mask);
+        }
+    }
+    for ((cell, pixel), mask) in rest.iter().zip(last_pixels).zip(last_mask) {
+        let keep = 1.0 - cell[3];
+        pixel.iter_mut().zip(cell).for_each(|(light, own)| *light = *light * keep + own);
+        *mask = *mask * keep + cell[3];
     }
 }
 
