@@ -11,7 +11,7 @@ pub(crate) mod light;
 pub(crate) mod lit_stroke;
 mod panes;
 mod rain;
-mod shafts;
+mod sun_shadows;
 mod surfaces;
 mod times;
 mod town;

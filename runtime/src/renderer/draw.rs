@@ -11,7 +11,7 @@
 
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::panes::PaneLights;
-use super::shafts::Shafts;
+use super::sun_shadows::SunShadows;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
@@ -122,9 +122,9 @@ impl Scene {
         let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
         let dry = self.dry_air(frame, &field, memory.dry.take())?;
         let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
-        let shafts = Shafts::new(self.town.as_ref(), sun);
+        let sun_shadows = SunShadows::new(self.town.as_ref(), sun);
         let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
-        let wet = wet.under(dry.as_ref()).shaded_by(shafts);
+        let wet = wet.under(dry.as_ref()).shaded_by(sun_shadows);
         let wet = self.tabulated(wet, frame, &flashes);
         watch.lap(&mut report.times.surroundings);
         if let Some(surrounding) = &surrounding {
@@ -288,7 +288,7 @@ impl Scene {
             around,
             sky: sky.mean_radiance(),
             drops,
-            shafts: Shafts::new(town, sun),
+            sun_shadows: SunShadows::new(town, sun),
         };
         let medium = rain::medium(&task, in_rain, memory)?;
         watch.lap(&mut report.times.medium);

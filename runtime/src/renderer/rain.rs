@@ -4,7 +4,7 @@ use super::Memory;
 use super::channel::irradiance_at;
 use super::halos::{self, Halos};
 use super::lit_stroke::LitStroke;
-use super::shafts::Shafts;
+use super::sun_shadows::SunShadows;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::error::RuntimeError;
@@ -45,7 +45,7 @@ pub struct Task<'a> {
     /// What a drop shows of the world and of the flashes.
     pub drops: &'a InScattering,
     /// What keeps the sun off, where it shines.
-    pub shafts: Option<Shafts<'a>>,
+    pub sun_shadows: Option<SunShadows<'a>>,
 }
 
 /// Share of its cell by which a map of rain moves at once under light that is kept.
@@ -118,7 +118,7 @@ struct DropLight<'a> {
     /// What stands between the lamps and drops.
     walls: Option<&'a Town>,
     /// What stands between the sun and drops.
-    shafts: Option<Shafts<'a>>,
+    sun_shadows: Option<SunShadows<'a>>,
     /// Mean radiance around, and how many times a flash counts when drops pick patterns.
     around: f64,
     lightning_bias: f64,
@@ -134,8 +134,8 @@ impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
-        if let Some(shafts) = self.shafts.filter(|shafts| shafts.is_dark(drop)) {
-            let sun = shafts.shown(self.world.phase(), ray.direction);
+        if let Some(sun_shadows) = self.sun_shadows.filter(|sun_shadows| sun_shadows.is_dark(drop)) {
+            let sun = sun_shadows.shown(self.world.phase(), ray.direction);
             (0..3).for_each(|band| light[band] = (light[band] - sun[band]).max(0.0));
         }
         for (number, lamp, intensity) in &self.lamps {
@@ -164,7 +164,7 @@ impl RainLight for DropLight<'_> {
     fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
         let drop = ray.origin + ray.direction * distance;
         // The sun's beam, if there is one, is the first, the flash's the last.
-        let is_dark = self.shafts.is_some_and(|shafts| shafts.is_dark(drop));
+        let is_dark = self.sun_shadows.is_some_and(|sun_shadows| sun_shadows.is_dark(drop));
         let beams = &self.world.beams()[usize::from(is_dark)..];
         let beams = beams.iter().rev().enumerate();
         let beams = beams.map(|(at, beam)| {
@@ -265,7 +265,7 @@ pub fn medium<'a>(
         world: task.drops,
         lamps,
         walls: task.town,
-        shafts: task.shafts,
+        sun_shadows: task.sun_shadows,
         around,
         lightning_bias,
         has_flash,
@@ -296,10 +296,10 @@ pub fn medium<'a>(
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
-    if let Some(shafts) = &task.shafts {
+    if let Some(sun_shadows) = &task.sun_shadows {
         let spacing = task.frame.quality.halos;
         let (metres, left) = (&memory.metres, &memory.transmittance);
-        shafts.draw((&medium, &covered), camera, (metres, left), spacing, &mut memory.picture);
+        sun_shadows.draw((&medium, &covered), camera, (metres, left), spacing, &mut memory.picture);
     }
     let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
     let lamps = halos::kept::Lamps {
@@ -393,7 +393,7 @@ mod tests {
                 world,
                 lamps: Vec::new(),
                 walls: None,
-                shafts: None,
+                sun_shadows: None,
                 around: 1.0,
                 lightning_bias: 10.0,
                 has_flash,

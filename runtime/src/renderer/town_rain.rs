@@ -2,7 +2,7 @@
 
 mod table;
 
-use super::shafts::Shafts;
+use super::sun_shadows::SunShadows;
 use crate::camera::Ray;
 use crate::math::exp_neg;
 use crate::medium::Medium;
@@ -24,7 +24,7 @@ pub struct TownRain<'a> {
     /// What covers keep dry of it.
     dry: Option<&'a DryAir<'a>>,
     /// What keeps the sun off it.
-    shafts: Option<Shafts<'a>>,
+    sun_shadows: Option<SunShadows<'a>>,
 }
 
 /// Irradiance on a surface whose normal has this cosine to a beam's direction, for 1 W/m² that is spread by a phase function: max(cos, 0)
@@ -39,7 +39,7 @@ impl<'a> TownRain<'a> {
     pub fn new(medium: Medium, field: RainField<'a>, light: &'a InScattering) -> Self {
         let mean = |degree| medium.phase().moments(degree).iter().sum::<f64>() as f32 / 3.0;
         let weakening = [0, 1, 2].map(mean);
-        Self { medium, field, light, weakening, table: None, dry: None, shafts: None }
+        Self { medium, field, light, weakening, table: None, dry: None, sun_shadows: None }
     }
 
     /// The same with depths from around `eye` to the sky, and to the `targets` of [`RainBetween::left_far`], tabulated: for rain that
@@ -55,8 +55,8 @@ impl<'a> TownRain<'a> {
     }
 
     /// The same in the shadow of towers and hills.
-    pub fn shaded_by(self, shafts: Option<Shafts<'a>>) -> Self {
-        Self { shafts, ..self }
+    pub fn shaded_by(self, sun_shadows: Option<SunShadows<'a>>) -> Self {
+        Self { sun_shadows, ..self }
     }
 
     /// Depth that covers keep off a way.
@@ -128,13 +128,13 @@ impl RainBetween for TownRain<'_> {
             return (left, [0.0; 3]);
         }
         let mut added = self.light.radiance(direction).map(|value| value * (1.0 - left));
-        if let Some(shafts) = &self.shafts {
+        if let Some(sun_shadows) = &self.sun_shadows {
             let start = from.as_dvec3();
             let end = f64::from(metres).min(self.field.farthest());
-            let share = shafts.share(&Ray { origin: start, direction }, end, |metres| {
+            let share = sun_shadows.share(&Ray { origin: start, direction }, end, |metres| {
                 f64::from(self.share(start, direction, metres))
             });
-            let sun = shafts.shown(self.light.phase(), direction);
+            let sun = sun_shadows.shown(self.light.phase(), direction);
             let share = share.min(1.0 - left);
             (0..3).for_each(|band| added[band] = (added[band] - sun[band] * share).max(0.0));
         }

@@ -28,7 +28,7 @@ fn rain<'a>(medium: &Medium, dark: &'a InScattering) -> (RainMedium<'a>, RainVol
         world: dark,
         lamps: Vec::new(),
         walls: None,
-        shafts: None,
+        sun_shadows: None,
         around: 0.0,
         lightning_bias: 1.0,
         has_flash: false,

@@ -1,4 +1,4 @@
-//! Shafts of sunlight in the rain: what towers, hills and the storm's own cloud keep the sun from shows none of its light.
+//! Shadows of towers and hills in sunlit rain, and the crepuscular rays between them: what the sun doesn't reach shows none of its light.
 //!
 //! The medium shows the sun's beam as eq. 12 of \[weber\] has it, E p(θ) (1 − F), as if the sun stood free along the whole ray
 //! ([`crate::medium::Medium::apply`]). A stretch of the ray from a to b holds the share e^−τ(a) − e^−τ(b) of the light that a ray
@@ -23,19 +23,19 @@ use glam::DVec3;
 
 /// Edge of the largest tile, px.
 const LARGEST: usize = 16;
-/// Share of a pixel's light below which shafts are left out.
+/// Share of a pixel's light below which shadows are left out.
 const UNSEEN: f32 = 1e-4;
 /// Share of the tolerance of halos that what lies between a tile's corners may be off by.
 const ALLOWED: f32 = 0.5;
 
 /// The sun of a frame, and what of the town stands before it.
 #[derive(Clone, Copy)]
-pub struct Shafts<'a> {
+pub struct SunShadows<'a> {
     town: &'a Town,
     sun: Sun,
 }
 
-impl<'a> Shafts<'a> {
+impl<'a> SunShadows<'a> {
     /// Of a sun that shines and a town that can keep it off; else none.
     pub fn new(town: Option<&'a Town>, sun: Option<Sun>) -> Option<Self> {
         let town = town.filter(|town| town.can_shade())?;
@@ -90,7 +90,7 @@ impl<'a> Shafts<'a> {
             };
             let height = pixels.len() / width;
             let mut strip = Strip {
-                shafts: self,
+                sun_shadows: self,
                 share: Share { medium, volume, stretches: Vec::new() },
                 ray: &ray,
                 smallest,
@@ -119,10 +119,10 @@ struct Share<'a, V> {
 impl<V: RainPath> Share<'_, V> {
     /// Of all light that even rain without end would scatter, the share that would come from stretches in shadow; the ray's length is
     /// `secant` times its planar depth.
-    fn of(&mut self, shafts: &Shafts<'_>, (ray, secant): (&Ray, f64), end: f64) -> f32 {
+    fn of(&mut self, sun_shadows: &SunShadows<'_>, (ray, secant): (&Ray, f64), end: f64) -> f32 {
         let end = end.min(self.volume.farthest());
-        let towards = shafts.sun.towards;
-        shafts.town.find_shadows((ray.origin, ray.direction), towards, end, &mut self.stretches);
+        let towards = sun_shadows.sun.towards;
+        sun_shadows.town.find_shadows((ray.origin, ray.direction), towards, end, &mut self.stretches);
         share_of(&self.stretches, |metres| {
             libm::exp(-self.medium.optical_depth_in(self.volume, ray, metres / secant, secant))
         })
@@ -137,7 +137,7 @@ fn share_of(stretches: &[[f32; 2]], left: impl Fn(f64) -> f64) -> f32 {
 
 /// Some rows of a picture.
 struct Strip<'a, V> {
-    shafts: &'a Shafts<'a>,
+    sun_shadows: &'a SunShadows<'a>,
     share: Share<'a, V>,
     /// The ray through a place of the picture, y from the strip's top, and its secant.
     ray: &'a (dyn Fn(f64, f64) -> (Ray, f64) + Sync),
@@ -267,7 +267,7 @@ impl<V: RainPath> Strip<'_, V> {
 
     fn share_at(&mut self, [x, y]: [f64; 2], end: f32) -> f32 {
         let (ray, secant) = (self.ray)(x, y);
-        if end > 0.0 { self.share.of(self.shafts, (&ray, secant), f64::from(end)) } else { 0.0 }
+        if end > 0.0 { self.share.of(self.sun_shadows, (&ray, secant), f64::from(end)) } else { 0.0 }
     }
 
     /// What rain without end shows of the sun, the mean of its colours.
@@ -278,7 +278,7 @@ impl<V: RainPath> Strip<'_, V> {
     }
 
     fn shown(&self, direction: DVec3) -> [f32; 3] {
-        self.shafts.shown(self.share.medium.phase(), direction)
+        self.sun_shadows.shown(self.share.medium.phase(), direction)
     }
 
     /// Takes a share of the sun's light off a pixel.

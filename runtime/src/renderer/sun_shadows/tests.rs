@@ -49,8 +49,8 @@ fn pictures(camera: &Camera, sun: Sun, phase: Phase) -> ([Picture; 2], Medium, R
     let outlook = Outlook { camera, volume: field, light: &light, depth };
     medium.apply(&outlook, &mut picture, &mut left).unwrap();
     let open = picture.clone();
-    let shafts = Shafts::new(Some(&town), Some(sun)).unwrap();
-    shafts.draw((&medium, &field), camera, (&metres, &left), SPACING, &mut picture);
+    let sun_shadows = SunShadows::new(Some(&town), Some(sun)).unwrap();
+    sun_shadows.draw((&medium, &field), camera, (&metres, &left), SPACING, &mut picture);
     ([open, picture], medium, field)
 }
 
@@ -129,13 +129,13 @@ fn nothing_in_the_suns_way_takes_nothing_off() {
     let ([open, shaded], ..) =
         pictures(&camera, sun(Vec3::new(0.0, -1.0, 0.5)), Phase::HenyeyGreenstein(0.77));
     assert!(open.pixels == shaded.pixels);
-    assert!(Shafts::new(None, Some(sun(Vec3::Z))).is_none());
+    assert!(SunShadows::new(None, Some(sun(Vec3::Z))).is_none());
     let down = Sun { irradiance: [0.0; 3], ..sun(Vec3::Z) };
-    assert!(Shafts::new(Some(&small_town()), Some(down)).is_none());
+    assert!(SunShadows::new(Some(&small_town()), Some(down)).is_none());
 }
 
 #[test]
-fn a_mirrored_ray_has_the_shafts_of_the_straight_ray_that_it_is() {
+fn a_mirrored_ray_has_the_suns_shadows_of_the_straight_ray_that_it_is() {
     /// Single precision of shares, and the medium's light at nodes.
     const ROUND_OFF: f32 = 0.01;
     let town = small_town();
@@ -143,7 +143,7 @@ fn a_mirrored_ray_has_the_shafts_of_the_straight_ray_that_it_is() {
     let (sun, camera) = (sun(Vec3::new(0.05, 1.0, 0.4)), camera(eye, DVec3::new(0.0, 1.0, 0.1)));
     let ([_, shaded], medium, field) = pictures(&camera, sun, Phase::HenyeyGreenstein(0.77));
     let light = medium.in_scattering(&WorldLight::uniform(SKY).with_sun(Some(sun)));
-    let rain = TownRain::new(medium, field, &light).shaded_by(Shafts::new(Some(&town), Some(sun)));
+    let rain = TownRain::new(medium, field, &light).shaded_by(SunShadows::new(Some(&town), Some(sun)));
     let metres = metres(&town, &camera);
     let mut dark = 0;
     for at in (0..64 * 48).step_by(37) {
