@@ -10,20 +10,15 @@ const HALVES: usize = 5;
 const ALIKE: f64 = 0.1;
 
 /// What of a ray a point lights, whatever the ray ends on: pieces by the tangent of half the angle at the point, from the eye on, each with the
-/// share of light that gets to it.
+/// share of light that gets to it; between them there is none.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum LitPieces {
-    /// All of it.
-    All,
-    /// Nothing.
-    None,
-    /// These; between them none.
-    Some {
-        /// Both ends and the share, ascending.
-        pieces: [[f64; 3]; MOST_PIECES],
-        /// How many there are.
-        count: usize,
-    },
+pub(crate) struct LitPieces {
+    /// Whether all of the ray is lit, and no pieces are told apart.
+    is_whole: bool,
+    /// Both ends and the share, ascending.
+    pieces: [[f64; 3]; MOST_PIECES],
+    /// How many there are.
+    count: usize,
 }
 
 /// Most pieces: each of some is halved and leaves one behind every time.
@@ -52,7 +47,7 @@ impl LitPieces {
         shares.iter_mut().enumerate().for_each(|(i, own)| *own = share(first + step * i as f64));
         let [least, most] = [f64::min, f64::max].map(|end| shares.iter().copied().fold(shares[0], end));
         if least >= 1.0 || most <= 0.0 {
-            return if least >= 1.0 { Self::All } else { Self::None };
+            return Self { is_whole: least >= 1.0, pieces: [[0.0; 3]; MOST_PIECES], count: 0 };
         }
         let (mut found, mut count) = ([[0.0; 3]; MOST_PIECES], 0);
         // Pieces in even light that touch are one: a long one is read from the table.
@@ -95,7 +90,7 @@ impl LitPieces {
             add(from, to, 0.5 * (low + high));
             behind[..halves].iter().rev().for_each(|[from, to, share]| add(*from, *to, *share));
         }
-        Self::Some { pieces: found, count }
+        Self { is_whole: false, pieces: found, count }
     }
 }
 
@@ -108,11 +103,9 @@ impl Airlight {
         whole: [f64; 3],
         lit: &LitPieces,
     ) -> [f64; 3] {
-        let (pieces, count) = match lit {
-            LitPieces::All => return whole,
-            LitPieces::None => return [0.0; 3],
-            LitPieces::Some { pieces, count } => (pieces, *count),
-        };
+        if lit.is_whole || lit.count == 0 {
+            return if lit.is_whole { whole } else { [0.0; 3] };
+        }
         let PointBeside { h, foot, end } = *beside;
         let growth = libm::exp(-extinction * foot);
         if !growth.is_finite() {
@@ -122,7 +115,7 @@ impl Airlight {
         // As `place` has it: w = 1 − 2s².
         let at = |w: f64| (0.5 * (1.0 - w)).max(0.0).sqrt();
         let mut sum = [0.0; 3];
-        for &[from, to, share] in pieces[..count].iter().take_while(|[from, ..]| *from < last) {
+        for &[from, to, share] in lit.pieces[..lit.count].iter().take_while(|[from, ..]| *from < last) {
             let light = self.between(extinction * h, at(from), at(to.min(last)));
             (0..3).for_each(|band| sum[band] += share * light[band]);
         }
