@@ -134,7 +134,7 @@ fn films_that_nodes_tell_are_those_that_are_looked_at() {
         street.wet(25.0, &SurfaceControls { tolerance, puddles: 0.0, ..SurfaceControls::default() })
     };
     let ((told, few), (looked, all)) = (look(0.1), look(0.0));
-    assert!(few.rays * 2 < all.rays, "{few:?} {all:?}");
+    assert!(few.rays * 3 < all.rays * 2, "{few:?} {all:?}");
     let (mut off, mut sum) = (0.0, 0.0);
     for (a, b) in told.light.iter().flatten().zip(looked.light.iter().flatten()) {
         off += (a - b) * (a - b);
