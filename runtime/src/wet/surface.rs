@@ -381,13 +381,15 @@ impl Surface {
         let calm = fall.calm();
         self.hollows.know(frame.maps.water_m.as_ref());
         let (width, hollows) = (buffer.size[0], &self.hollows);
-        let look = |offset: Vec3, normal: Vec3| {
+        let look = |pixel: [usize; 2], offset: Vec3, normal: Vec3| {
+            // Water stands where the ground is level: the ground, not each of its stones.
+            let level = nodes::mean_normal(buffer, pixel, normal);
             let place = view.eye + offset.as_dvec3();
             let before = fall.before(place, normal);
             Look {
                 open: !fall.sheltered(before, speed),
                 open_when_calm: !calm.sheltered(before, speed),
-                basin: hollows.basin((place.truncate(), normal), frame.maps, controls),
+                basin: hollows.basin((place.truncate(), level), frame.maps, controls),
             }
         };
         self.nodes.fill(buffer, view, look);
@@ -404,14 +406,14 @@ impl Surface {
                 let offset = view.to_world(view.place(x, y, depth));
                 let told = nodes.around([x, y], offset, normal);
                 let told = told.and_then(|around| Look::between(&around));
-                let told = told.unwrap_or_else(|| look(offset, normal));
+                let told = told.unwrap_or_else(|| look([x, y], offset, normal));
                 // Rain on a slope falls on more or less of it; walls get what runs down, in the lee too.
                 let met = if told.open { (-normal.dot(falls)).max(0.0) } else { 0.0 };
                 let runs = controls.walls * (1.0 - normal.z.abs());
                 let runs = if told.open_when_calm { runs } else { 0.0 };
                 state.wetness = wetness(met.max(runs) * wets);
                 if state.wetness > 0.0 {
-                    let water = puddles::depth_m(told.basin, normal, full * wets);
+                    let water = puddles::depth_m(told.basin, full * wets);
                     state.puddle = (water * controls.influence).clamp(0.0, 1.0);
                 }
             }

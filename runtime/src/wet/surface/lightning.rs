@@ -111,8 +111,9 @@ fn draw(
     let view = View::new(frame.camera);
     let colour = [controls.red, controls.green, controls.blue].map(|band| band * controls.flash * FRAC_1_PI);
     let width = buffer.size[0];
-    let look =
-        |offset: Vec3, normal: Vec3| light.look(view.eye + offset.as_dvec3(), normal, controls.shadows);
+    let look = |_: [usize; 2], offset: Vec3, normal: Vec3| {
+        light.look(view.eye + offset.as_dvec3(), normal, controls.shadows)
+    };
     if light.volume.is_some() {
         nodes.fill(buffer, &view, look);
     }
@@ -131,7 +132,7 @@ fn draw(
                     let offset = view.to_world(view.place(x, y, depth));
                     let told = nodes.around([x, y], offset, normal);
                     let told = told.and_then(|around| light.between(&around, normal));
-                    told.unwrap_or_else(|| light.of_look(&look(offset, normal), normal))
+                    told.unwrap_or_else(|| light.of_look(&look([x, y], offset, normal), normal))
                 }
             };
             let albedo = buffer.albedo.as_ref().map_or([controls.albedo; 3], |albedo| albedo[at]);

@@ -44,14 +44,14 @@ impl<T> Around<'_, T> {
 }
 
 impl<T: Copy + Default + Send + Sync> Nodes<T> {
-    /// Looks a value up at every node that shows a surface: `look` is told the place as seen from the eye, and the unit normal.
-    pub fn fill(&mut self, buffer: &GBuffer, view: &View, look: impl Fn(Vec3, Vec3) -> T + Sync) {
+    /// Looks a value up at every node that shows a surface: `look` is told the pixel, its place as seen from the eye, and the unit normal.
+    pub fn fill(&mut self, buffer: &GBuffer, view: &View, look: impl Fn([usize; 2], Vec3, Vec3) -> T + Sync) {
         self.begin(buffer);
         let across = self.across;
         self.nodes.par_chunks_mut(across).enumerate().for_each(|(row, nodes)| {
             for (column, node) in nodes.iter_mut().enumerate() {
-                if let Some((_, offset, normal)) = surface([column, row], buffer, view) {
-                    *node = Node { offset, normal, value: look(offset, normal) };
+                if let Some((pixel, offset, normal)) = surface([column, row], buffer, view) {
+                    *node = Node { offset, normal, value: look(pixel, offset, normal) };
                 }
             }
         });
@@ -110,6 +110,37 @@ impl<T: Copy + Default + Send + Sync> Nodes<T> {
         weights.iter_mut().for_each(|weight| *weight /= sum);
         Some(Around { nodes, weights })
     }
+}
+
+/// Mean of the normals around a pixel on its own surface: stones lean each its own way, and the ground that they lie in is even.
+pub(in crate::wet) fn mean_normal(buffer: &GBuffer, [x, y]: [usize; 2], normal: Vec3) -> Vec3 {
+    /// Normals on each side along both axes, and pixels from one to the next.
+    const AROUND: usize = 2;
+    const APART_PX: usize = 4;
+    /// How far depth may be off, as a share, and how far normals may lean.
+    const NEAR: f32 = 0.1;
+    const LEANS: f32 = 0.8;
+    let [width, height] = buffer.size;
+    let depth = buffer.depth_m[y * width + x];
+    let mut sum = normal;
+    for row in 0..=2 * AROUND {
+        for column in 0..=2 * AROUND {
+            let (Some(x), Some(y)) = (
+                (x + column * APART_PX).checked_sub(AROUND * APART_PX),
+                (y + row * APART_PX).checked_sub(AROUND * APART_PX),
+            ) else {
+                continue;
+            };
+            if x >= width || y >= height || (buffer.depth_m[y * width + x] - depth).abs() > NEAR * depth {
+                continue;
+            }
+            let other = Vec3::from(buffer.normal[y * width + x]);
+            if other.dot(normal) > LEANS {
+                sum += other;
+            }
+        }
+    }
+    sum.try_normalize().unwrap_or(normal)
 }
 
 /// Pixel of a node, the place that it shows as seen from the eye, and its unit normal.

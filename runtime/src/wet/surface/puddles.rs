@@ -157,10 +157,9 @@ impl Hollows {
     }
 }
 
-/// Depth of water, m, on a surface of unit normal `normal` over a basin, where puddles are full to a share `full`: each one's level sinks with it, from its own deepest
-/// place's, and shores draw back.
-pub fn depth_m([when_full, deepest]: [f32; 2], normal: Vec3, full: f32) -> f32 {
-    if normal.z < FLAT || full <= 0.0 {
+/// Depth of water over a basin, m, where puddles are full to a share `full`: each one's level sinks with it, from its own deepest place's, and shores draw back.
+pub fn depth_m([when_full, deepest]: [f32; 2], full: f32) -> f32 {
+    if full <= 0.0 {
         return 0.0;
     }
     (when_full - (1.0 - full) * deepest).max(0.0)
@@ -182,8 +181,7 @@ mod tests {
         let (hollows, maps) = (Hollows::new(4), WetMaps::default());
         for share in [0.0f32, 0.2, 0.7] {
             let controls = controls(share);
-            let depth =
-                |place: DVec2| depth_m(hollows.basin((place, Vec3::Z), &maps, &controls), Vec3::Z, 1.0);
+            let depth = |place: DVec2| depth_m(hollows.basin((place, Vec3::Z), &maps, &controls), 1.0);
             let wet = (0..10_000)
                 .filter(|i| depth(DVec2::new(f64::from(i % 100), f64::from(i / 100)) * 0.121) > 0.0);
             let found = wet.count() as f32 / 10_000.0;
@@ -193,7 +191,7 @@ mod tests {
         let tile = f64::from(controls(0.5).puddle_size) * f64::from(PUDDLES);
         let near = DVec2::new(1.3, 2.4);
         let [a, b] = [near, near + (far / tile).round() * tile]
-            .map(|place| depth_m(hollows.basin((place, Vec3::Z), &maps, &controls(0.5)), Vec3::Z, 1.0));
+            .map(|place| depth_m(hollows.basin((place, Vec3::Z), &maps, &controls(0.5)), 1.0));
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }
 
@@ -210,7 +208,7 @@ mod tests {
         hollows.know(maps.water_m.as_ref());
         let controls = SurfaceControls::default();
         let depth = |x: f64, normal: Vec3, full: f32| {
-            depth_m(hollows.basin((DVec2::new(x, 1.0), normal), &maps, &controls), normal, full)
+            depth_m(hollows.basin((DVec2::new(x, 1.0), normal), &maps, &controls), full)
         };
         assert_eq!((depth(0.3, Vec3::Z, 1.0), depth(1.7, Vec3::Z, 1.0)), (0.0, 0.03));
         assert_eq!(depth(1.7, Vec3::new(0.2, 0.0, 0.98).normalize(), 1.0), 0.0);
@@ -233,7 +231,7 @@ mod tests {
         }
         let depth = |x: f64, full: f32| {
             let place = DVec2::new(x + 0.5, 1.5);
-            depth_m(hollows.basin((place, Vec3::Z), &maps, &SurfaceControls::default()), Vec3::Z, full)
+            depth_m(hollows.basin((place, Vec3::Z), &maps, &SurfaceControls::default()), full)
         };
         for (x, deepest) in [(1.0, 0.02), (6.0, 0.3)] {
             for full in [0.1f32, 0.5, 0.9, 1.0] {

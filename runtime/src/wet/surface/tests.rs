@@ -126,6 +126,21 @@ fn wet_asphalt_is_darker_near_by_and_mirrors_the_wall_far_off() {
 }
 
 #[test]
+fn stones_that_lean_do_not_drain_the_puddle_above_them() {
+    /// Of a few hundred pixels some lie at shores.
+    const SHORES: f32 = 0.3;
+    let mut street = street(1.0);
+    let even = street.wet(25.0, &SurfaceControls::default()).1.puddles as f32;
+    for (k, normal) in street.buffer.normal.iter_mut().enumerate().filter(|(_, normal)| normal[2] > 0.5) {
+        // Up to nine degrees, each its own way.
+        let lean = |odd: bool| if odd { 0.11 } else { -0.11 };
+        *normal = Vec3::new(lean(k % 3 == 0), lean((k / 64) % 2 == 0), 1.0).normalize().into();
+    }
+    let bumpy = street.wet(25.0, &SurfaceControls::default()).1.puddles as f32;
+    assert!((bumpy / even - 1.0).abs() < SHORES && even > 100.0, "{even} {bumpy}");
+}
+
+#[test]
 fn films_that_nodes_tell_are_those_that_are_looked_at() {
     /// What a tenth of a difference between nodes leaves of it between them.
     const BETWEEN: f32 = 0.02;
@@ -134,7 +149,7 @@ fn films_that_nodes_tell_are_those_that_are_looked_at() {
         street.wet(25.0, &SurfaceControls { tolerance, puddles: 0.0, ..SurfaceControls::default() })
     };
     let ((told, few), (looked, all)) = (look(0.1), look(0.0));
-    assert!(few.rays * 2 < all.rays, "{few:?} {all:?}");
+    assert!(few.rays * 3 < all.rays * 2, "{few:?} {all:?}");
     let (mut off, mut sum) = (0.0, 0.0);
     for (a, b) in told.light.iter().flatten().zip(looked.light.iter().flatten()) {
         off += (a - b) * (a - b);
