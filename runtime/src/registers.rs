@@ -35,7 +35,7 @@ pub(crate) struct Look {
     pub light: [f32; 16],
 }
 
-/// Work on four pixels of a [`crate::rain::Veil`], each of red, green, blue and coverage, and on a thin streak's tables: three products of light and one of
+/// Work on four pixels of a [`crate::rain::veil::Veil`], each of red, green, blue and coverage, and on a thin streak's tables: three products of light and one of
 /// coverage, pixel by pixel.
 pub(crate) trait Registers: Copy {
     /// Sum of four tables' nodes with their weights: the first two, the last two, and both.

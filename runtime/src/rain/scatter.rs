@@ -1,9 +1,9 @@
 //! Draws streaks: into bands of rows, band by band and tile by tile, so that a pixel is written by one thread
 //! and sees its streaks in the order of the list.
 //!
-//! A streak is laid straight over the picture and into the mask: what it costs is its covered pixels and its visits to tiles. A
-//! tile's part of both fits a core's second cache, and a streak of a hundred pixels meets two or three. What a tile needs of its
-//! streaks is gathered before they are drawn, so that memory is waited for once and not streak by streak. Long lists are drawn in
+//! A tile's streaks are laid over each other in a veil, which fits a core's second cache, and the veil over the picture and into the
+//! mask when the tile is done: what a streak costs is its covered pixels and its visits to tiles, of which a streak of a hundred pixels meets two. What a
+//! tile needs of its streaks is gathered before they are drawn, so that memory is waited for once and not streak by streak. Long lists are drawn in
 //! parts, one after the other, so that memory is bounded; a pixel sees the same streaks in the same order.
 
 mod hidden;
