@@ -10,6 +10,7 @@
 //! Pixels that bounded rain may end before, and pixels among the drawn shells, take the exact sums instead; over a map some of those
 //! are worked out at nodes ([`mapped`]).
 
+mod dry;
 mod mapped;
 
 use super::{Medium, Outlook};
@@ -327,31 +328,7 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         }
     }
 
-    /// A bit for each pixel from (x, y) on whose ray is dry somewhere before its end.
-    #[inline(always)]
-    fn dry(&self, [x, y]: [usize; 2], (tangents, secants): (&Lanes, &Lanes), range: &Lanes) -> u64 {
-        if !self.volume.has_covers() {
-            return 0;
-        }
-        let down = f64::from(self.first[1] + (y as f32 + 0.5) * self.per_pixel[1]);
-        let ahead = (self.camera.forward - self.camera.up * down).as_vec3();
-        let right = self.camera.right.as_vec3();
-        let count = LANES.min(self.camera.width as usize - x);
-        let way = |i: usize| (ahead + right * tangents[i]) / secants[i];
-        let mut bits = 0;
-        for first in (0..count).step_by(FLAT) {
-            let last = (first + FLAT).min(count) - 1;
-            let farthest = range[first..=last].iter().copied().fold(0.0, f32::max);
-            // Most blocks of pixels are in the open.
-            if self.volume.may_be_dry([way(first), way(last)], farthest) {
-                let is_dry = |i: &usize| self.volume.is_dry_before(way(*i), range[*i]);
-                bits = (first..=last).filter(is_dry).fold(bits, |bits, i| bits | 1 << i);
-            }
-        }
-        bits
-    }
-
-    /// The same of any pixel.
+    /// [`BandMedium::optical_depths`] of any pixel.
     fn one_optical_depth(&self, [x, y]: [usize; 2], (range, secant): (f32, f32), is_dry: bool) -> f32 {
         let planar = if range > 0.0 {
             f64::from(range / secant)
