@@ -64,7 +64,7 @@ pub fn draw(
             let (own, all, depth) = (emission[at], frame.colour[at], frame.buffer.depth_m[at]);
             let (most, low) = (own[0].max(own[1]).max(own[2]), own[0].min(own[1]).min(own[2]));
             let shines = most >= least && most - low >= controls.colour * most && most.is_finite();
-            if !shines || !(depth > 0.0 && depth.is_finite()) {
+            if !(shines && depth > 0.0 && depth.is_finite()) {
                 continue;
             }
             let place = view.eye + view.to_world(view.place(x, y, depth)).as_dvec3();

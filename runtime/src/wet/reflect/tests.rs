@@ -185,8 +185,9 @@ fn a_lamps_streak_keeps_its_energy_and_stretches_more_the_flatter_it_is_looked_a
 
 #[test]
 fn a_table_of_facets_tells_what_leaning_films_mirror_around_it() {
-    /// Bins as wide as the film's deviation, between which light grades up to the picture's end; and the places lie some pixels apart.
-    const BINS: f32 = 0.1;
+    /// Bins as wide as the film's deviation; those that end beyond the picture, where the world's light begins, are shared otherwise; and the places lie some
+    /// pixels apart.
+    const BINS: f32 = 0.2;
     let street = street();
     let picture = street.picture(|place| (3.0 + 0.1 * place.x - 0.2 * place.z) as f32);
     let water = FresnelTable::water();

@@ -233,7 +233,7 @@ impl Grounds<'_> {
         [column, row]: [usize; 2],
         (coarser, size): (&[Mirrored], [usize; 2]),
     ) -> Option<Mirrored> {
-        let [right, below] = [(column + 1) / 2, (row + 1) / 2];
+        let [right, below] = [column.div_ceil(2), row.div_ceil(2)];
         if right >= size[0] || below >= size[1] {
             return None;
         }
