@@ -225,6 +225,7 @@ fn a_newer_version_of_any_section_is_refused_by_name() {
     let _turn = alone();
     for sample in samples() {
         let newest = match sample.tag {
+            CloudSection::TAG => CloudSection::VERSION,
             ResponseSection::TAG => ResponseSection::VERSION,
             StreakSection::TAG => StreakSection::VERSION,
             ViewSection::TAG => ViewSection::VERSION,

@@ -33,10 +33,10 @@ mod scatter;
 mod search;
 pub mod shelter;
 mod streak;
+pub mod tile_buffer;
 pub mod under;
 #[cfg(feature = "gpu")]
 mod upload;
-pub mod veil;
 pub mod volume;
 mod window;
 

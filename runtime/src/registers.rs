@@ -35,7 +35,7 @@ pub(crate) struct Look {
     pub light: [f32; 16],
 }
 
-/// Work on four pixels of a [`crate::rain::veil::Veil`], each of red, green, blue and coverage, and on a thin streak's tables: three products of light and one of
+/// Work on four pixels of a [`crate::rain::tile_buffer::TileBuffer`], each of red, green, blue and coverage, and on a thin streak's tables: three products of light and one of
 /// coverage, pixel by pixel.
 pub(crate) trait Registers: Copy {
     /// Sum of four tables' nodes with their weights: the first two, the last two, and both.
@@ -68,7 +68,7 @@ pub(crate) trait Registers: Copy {
     /// Lays a colour over four pixels: `over` is how much of it each shows, and how much of each is covered. The colour's fourth number is 1.
     fn lay(self, cells: &mut [f32; 16], over: [[f32; 4]; 2], colour: &[f32; 4]);
 
-    /// Lays four pixels of a veil over those of a picture, and into their mask.
+    /// Lays four pixels of a tile buffer over those of a picture, and into their mask.
     fn uncover(self, cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]);
 }
 

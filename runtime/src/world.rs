@@ -193,8 +193,13 @@ impl InScattering {
 
     /// How far drops show their patterns in it, beside lights near by that come to `irradiance` together ([`RainLight::contrast`]).
     pub(crate) fn contrast_beside(&self, irradiance: f64) -> f32 {
+        self.contrast_of_beams(&self.beams, irradiance)
+    }
+
+    /// The same where only some of its beams reach.
+    pub(crate) fn contrast_of_beams(&self, beams: &[Beam], irradiance: f64) -> f32 {
         let beam = |beam: &Beam| beam.irradiance.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0;
-        let beams: f64 = self.beams.iter().map(beam).sum();
+        let beams: f64 = beams.iter().map(beam).sum();
         contrast_of(self.spread[0], self.spread[1], beams + irradiance)
     }
 

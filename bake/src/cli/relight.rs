@@ -22,7 +22,7 @@ use squall_runtime::Clouds;
 use squall_runtime::camera::Camera;
 use squall_runtime::tone::Tone;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Clouds lit by given lamps, from an asset: a picture of the scattered light, and per-cell fields on request.
@@ -89,19 +89,21 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     clouds.set_quality(args.light.quality())?;
     let lamps = read_lights(&args.lamps)?;
     let (name, camera) = args.camera.read(&asset)?;
-    check_apart(&[&args.out], [&args.asset, &args.lamps].into_iter().chain(args.camera.files()))?;
-    let mut folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
-    if let Some(folder) = &mut folder {
-        let all = Fields {
-            seen: Some(Estimate::default()),
-            towards: vec![(name.clone(), Estimate::default())],
-            images: vec![(name.clone(), 0, Estimate::default())],
-            ..Fields::default()
-        };
-        folder.expect(all.file_names().iter().map(String::as_str).chain(["relight.json"]))?;
-    }
     let towards_region =
         matches!(clouds.relighter().response().head.basis, DirectionalBasis::ViewRegion { .. });
+    let beside = args
+        .compare
+        .iter()
+        .flat_map(|place| compare::names(!towards_region).into_iter().map(|file| place.join(file)));
+    let fields =
+        args.field.iter().flat_map(|place| field_names(&name).into_iter().map(|file| place.join(file)));
+    let outputs: Vec<PathBuf> = std::iter::once(args.out.clone()).chain(beside).chain(fields).collect();
+    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
+    check_apart(&outputs, [&args.asset, &args.lamps].into_iter().chain(args.camera.files()))?;
+    let mut folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
+    if let Some(folder) = &mut folder {
+        folder.expect(field_names(&name).iter().map(String::as_str))?;
+    }
     let mut beside = args.compare.as_deref().map(OutputFolder::prepare).transpose()?;
     if let Some(beside) = &mut beside {
         beside.expect(compare::names(!towards_region))?;
@@ -181,6 +183,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     summary["picture"] = json!(args.out.to_string_lossy());
     summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
     answer::answer(&summary)
+}
+
+/// Names of the files that `--field` may make.
+fn field_names(camera: &str) -> Vec<String> {
+    let all = Fields {
+        seen: Some(Estimate::default()),
+        towards: vec![(camera.to_owned(), Estimate::default())],
+        images: vec![(camera.to_owned(), 0, Estimate::default())],
+        ..Fields::default()
+    };
+    let mut names = all.file_names();
+    names.push("relight.json".into());
+    names
 }
 
 /// That direct light was not followed for every ray, in words, if it was not.

@@ -136,7 +136,7 @@ pub struct Args {
 enum Quality {
     /// As finely as a picture that is looked at for long.
     Still,
-    /// One sample a pixel, mirrors at half size, fewer rays of direct light: in a fraction of the time.
+    /// One sample a pixel, mirrors at an eighth of the size, fewer rays of direct light: in a fraction of the time.
     Preview,
 }
 

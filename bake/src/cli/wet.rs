@@ -186,6 +186,11 @@ impl Args {
                 json::usage("--stops brightens a .png; an .exr holds light as it is");
             }
         }
+        if self.resume && self.is_animated() {
+            json::usage(
+                "--resume keeps frames that are files of their own, and an animated picture is one file",
+            );
+        }
         if let Some(effect) = self.beside.iter().find(|effect| self.without.contains(effect)) {
             json::usage(&format!("{}: --with turns it on, --without off; wanted one of them", effect.name()));
         }

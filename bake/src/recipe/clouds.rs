@@ -217,6 +217,13 @@ impl CloudsFile {
             settings.codec = Codec::Bytes;
         }
         // A recipe that says what is good enough, or from where it is looked at, has no use for what nobody can reach.
+        if let (ErrorFor::Gathers, Some(name)) = (settings.error_for, &self.response.error_for)
+            && budget.needs_held_out()
+        {
+            let wanted =
+                "\"viewers\", or no budget that chooses beside it: budgets judge light as viewers do";
+            return Err(source.error(name.span(), "clouds.response.error_for", wanted, "\"gathers\""));
+        }
         self.check_finer(&lights, &settings, &budget, source)?;
         (settings.finer, settings.spacing_m) = (lights.levels, lights.spacing_m);
         if budget.needs_held_out() || settings.view_region.is_some() {

@@ -39,7 +39,7 @@ pub struct Distance {
     pub l2_without_brightest: f64,
     /// Median of |x−r|/r where r is above 10⁻⁴ of the largest.
     pub median: f64,
-    /// Σx / Σr − 1.
+    /// Σx / Σr − 1; 0 where both are nothing, infinite where the truth alone is.
     pub mean: f64,
 }
 
@@ -70,7 +70,11 @@ impl Distance {
             l2: relative_l2(found, wanted),
             l2_without_brightest: relative_l2(&of(found), &of(wanted)),
             median: off.get(off.len().saturating_sub(1) / 2).copied().unwrap_or_default(),
-            mean: if truth > 0.0 { all / truth - 1.0 } else { all },
+            mean: match truth > 0.0 {
+                true => all / truth - 1.0,
+                false if all == 0.0 => 0.0,
+                false => f64::INFINITY,
+            },
         }
     }
 }

@@ -130,6 +130,22 @@ fn along(segments: &[Segment]) -> (Vec<Along>, f64) {
     let ends = (main.clone().next(), main.clone().next_back());
     let is_up = matches!(ends, (Some(first), Some(last)) if first.from.z < last.to.z);
     let bits = |point: DVec3| point.to_array().map(f64::to_bits);
+    // A branch that starts where no segment before it ends leaves the nearest point of the main channel.
+    let nearest = |point: DVec3| {
+        let mut gone = 0.0;
+        let mut best = (f64::INFINITY, [0.0; 2]);
+        for segment in main.clone() {
+            let own = segment.from.distance(segment.to);
+            for (end, way) in [(segment.from, gone), (segment.to, gone + own)] {
+                let place = if is_up { [way, length - way] } else { [length - way, way] };
+                if end.distance(point) < best.0 {
+                    best = (end.distance(point), place);
+                }
+            }
+            gone += own;
+        }
+        best.1
+    };
     // From the ground, and from the leader's beginning, to the points that segments end in.
     let mut known: HashMap<[u64; 3], [f64; 2]> = HashMap::new();
     let mut all = Vec::with_capacity(segments.len());
@@ -141,7 +157,7 @@ fn along(segments: &[Segment]) -> (Vec<Along>, f64) {
             gone += own;
             (place(gone - own), place(gone))
         } else {
-            let start = known.get(&bits(segment.from)).copied().unwrap_or_default();
+            let start = known.get(&bits(segment.from)).copied().unwrap_or_else(|| nearest(segment.from));
             (start, start.map(|metres| metres + own))
         };
         known.insert(bits(segment.to), end);

@@ -1,5 +1,56 @@
 //! The shaders: WGSL put together from parts, so that one thing is written once.
 
+/// A file's text without comments, indents and empty lines, which a program would otherwise carry: a fourth of all shaders' bytes.
+macro_rules! bare {
+    ($file:expr) => {{
+        const TEXT: &[u8] = include_str!($file).as_bytes();
+        const LENGTH: usize = bare(TEXT, &mut []);
+        const BARE: [u8; LENGTH] = {
+            let mut bytes = [0; LENGTH];
+            bare(TEXT, &mut bytes);
+            bytes
+        };
+        match std::str::from_utf8(&BARE) {
+            Ok(text) => text,
+            Err(_) => panic!("a shader's code is text"),
+        }
+    }};
+}
+
+/// Bytes of `text` without what WGSL does not read, written to `out` as far as it goes. WGSL has no strings that a comment could begin in.
+const fn bare(text: &[u8], out: &mut [u8]) -> usize {
+    let (mut at, mut length, mut line, mut kept) = (0, 0, 0, 0);
+    while at < text.len() {
+        let byte = text[at];
+        if byte == b'/' && at + 1 < text.len() && text[at + 1] == b'/' {
+            while at < text.len() && text[at] != b'\n' {
+                at += 1;
+            }
+            continue;
+        }
+        at += 1;
+        if byte == b'\n' {
+            // Spaces at the end, and the line if there was nothing else.
+            length = kept;
+            if length == line {
+                continue;
+            }
+        } else if (byte == b' ' || byte == b'\t') && length == line {
+            continue;
+        }
+        if length < out.len() {
+            out[length] = byte;
+        }
+        length += 1;
+        if byte == b'\n' {
+            (line, kept) = (length, length);
+        } else if byte != b' ' && byte != b'\t' {
+            kept = length;
+        }
+    }
+    length
+}
+
 /// A shader: parts that it shares with others, then its own.
 pub struct Shader {
     /// What its own file is called.
@@ -15,40 +66,40 @@ impl Shader {
 }
 
 /// Rays, hashes, random numbers, noise, phase functions; the frame's uniforms in group 0.
-const COMMON: &str = include_str!("common.wgsl");
+const COMMON: &str = bare!("common.wgsl");
 
 /// Where it rains, and what rain shows of the world: group 2.
-const FIELD: &str = include_str!("rain_field.wgsl");
-const IN_SCATTERING: &str = include_str!("in_scattering.wgsl");
-const RAIN: &str = include_str!("rain.wgsl");
+const FIELD: &str = bare!("rain_field.wgsl");
+const IN_SCATTERING: &str = bare!("in_scattering.wgsl");
+const RAIN: &str = bare!("rain.wgsl");
 /// The medium's optical depth.
-const DEPTH: &str = include_str!("medium_depth.wgsl");
+const DEPTH: &str = bare!("medium_depth.wgsl");
 /// Spots of light in the picture.
-const SPOTS: &str = include_str!("spots.wgsl");
+const SPOTS: &str = bare!("spots.wgsl");
 /// A coarse picture at a finer one's pixels.
-const DOUBLED: &str = include_str!("doubled.wgsl");
+const DOUBLED: &str = bare!("doubled.wgsl");
 /// Rays against the town: group 1.
-const TOWN_RAYS: &str = include_str!("town_rays.wgsl");
+const TOWN_RAYS: &str = bare!("town_rays.wgsl");
 /// What lamps reach; covers of one's own, in group 2.
-const LAMP_REACH: &str = include_str!("lamp_reach.wgsl");
-const COVERS: &str = include_str!("covers.wgsl");
+const LAMP_REACH: &str = bare!("lamp_reach.wgsl");
+const COVERS: &str = bare!("covers.wgsl");
 /// What it is made of; how it is looked at and lit; light between nodes.
-const TOWN_SURFACE: &str = include_str!("town_surface.wgsl");
-const TOWN_VIEW: &str = include_str!("town_view.wgsl");
-const TOWN_LIGHT: &str = include_str!("town_light.wgsl");
-const TOWN_MIX: &str = include_str!("town_mix.wgsl");
+const TOWN_SURFACE: &str = bare!("town_surface.wgsl");
+const TOWN_VIEW: &str = bare!("town_view.wgsl");
+const TOWN_LIGHT: &str = bare!("town_light.wgsl");
+const TOWN_MIX: &str = bare!("town_mix.wgsl");
 /// The cloud's grid, in group 1.
-const CLOUD: &str = include_str!("cloud.wgsl");
+const CLOUD: &str = bare!("cloud.wgsl");
 
 /// The sky, in group 0.
-const SKY: &str = include_str!("sky.wgsl");
+const SKY: &str = bare!("sky.wgsl");
 /// The march, with the cloud's volumes in groups 1 and 2.
-const VOLUME: &str = include_str!("volume.wgsl");
+const VOLUME: &str = bare!("volume.wgsl");
 
 macro_rules! shaders {
     ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
         $($(#[$doc])* pub(crate) const $constant: Shader =
-            Shader { name: $name, parts: &[$($part,)* include_str!(concat!($name, ".wgsl"))] };)*
+            Shader { name: $name, parts: &[$($part,)* bare!(concat!($name, ".wgsl"))] };)*
 
         /// Every shader.
         pub(crate) const ALL: &[&Shader] = &[$(&$constant),*];
@@ -179,5 +230,15 @@ pub(crate) mod tests {
                 assert!(storage.count() <= 8, "{}: {}", shader.name, entry.name);
             }
         }
+    }
+
+    #[test]
+    fn a_bare_text_has_the_same_code_line_by_line() {
+        let text =
+            b"// A note.\n\nfn f() -> f32 { // one\n    let x = 1.0 / 2.0;  \n\t// two\n    return x; }\n";
+        let mut out = [0; 80];
+        let length = super::bare(text, &mut out);
+        assert_eq!(&out[..length], b"fn f() -> f32 {\nlet x = 1.0 / 2.0;\nreturn x; }\n");
+        assert_eq!(super::bare(text, &mut []), length);
     }
 }

@@ -1,6 +1,6 @@
 //! How one streak's coverage lies on pixels: the seam between drops and patterns.
 
-use super::veil::{Paint, Veil};
+use super::tile_buffer::{Paint, TileBuffer};
 
 /// A streak's place in the picture, and nothing else: what a kernel draws.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -146,13 +146,13 @@ pub trait Kernel: Sync {
         false
     }
 
-    /// [`Kernel::draw`] of streaks that nothing hides: lays them over `veil`'s tile by itself, one after the other, and answers how many; the next one, if
+    /// [`Kernel::draw`] of streaks that nothing hides: lays them over `tile buffer`'s tile by itself, one after the other, and answers how many; the next one, if
     /// any is left, is then asked to [`Kernel::ribbon`].
     fn lay(
         &self,
         _streaks: &[(Self::Placed, Paint)],
         _scratch: &mut Self::Scratch,
-        _veil: &mut Veil,
+        _tile_buffer: &mut TileBuffer,
     ) -> usize {
         0
     }

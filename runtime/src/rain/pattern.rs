@@ -1,7 +1,7 @@
 //! The kernel for an asset with patterns: each drop's streak is one of the asset's pictures.
 
 use super::kernel::{BLOCK, Clip, Footprint, Kernel, Ribbon, Span};
-use super::veil::{Paint, Veil};
+use super::tile_buffer::{Paint, TileBuffer};
 use super::window::SmoothWindow;
 use crate::shade::streak::choice::Conditions;
 use crate::shade::streak::{self, StreakSet, Tile};
@@ -86,12 +86,12 @@ impl Kernel for StreakSet {
         &self,
         streaks: &[(PlacedPattern, Paint)],
         scratch: &mut PatternScratch,
-        veil: &mut Veil,
+        tile_buffer: &mut TileBuffer,
     ) -> usize {
-        let clip = veil.clip();
+        let clip = tile_buffer.clip();
         let mut lay = |(placed, paint): &(PlacedPattern, Paint)| match placed {
             PlacedPattern::Streak(streak) => {
-                self.lay_thin(streak, within(streak, clip), &mut scratch.streak, paint, veil)
+                self.lay_thin(streak, within(streak, clip), &mut scratch.streak, paint, tile_buffer)
             }
             PlacedPattern::Plain(_) => false,
         };

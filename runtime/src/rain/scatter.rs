@@ -1,7 +1,7 @@
 //! Draws streaks: into bands of rows, band by band and tile by tile, so that a pixel is written by one thread
 //! and sees its streaks in the order of the list.
 //!
-//! A tile's streaks are laid over each other in a veil, which fits a core's second cache, and the veil over the picture and into the
+//! A tile's streaks are laid over each other in a tile buffer, which fits a core's second cache, and the tile buffer over the picture and into the
 //! mask when the tile is done: what a streak costs is its covered pixels and its visits to tiles, of which a streak of a hundred pixels meets two. What a
 //! tile needs of its streaks is gathered before they are drawn, so that memory is waited for once and not streak by streak. Long lists are drawn in
 //! parts, one after the other, so that memory is bounded; a pixel sees the same streaks in the same order.
@@ -9,7 +9,7 @@
 mod hidden;
 
 use super::kernel::{Clip, Kernel, Ribbon};
-use super::veil::{Paint, TILE, Under, Veil};
+use super::tile_buffer::{Paint, TILE, TileBuffer, Under};
 use super::{RainLight, Shot, Streak, Workspace};
 use crate::camera::{Camera, Secants};
 use crate::depth::DepthBuffer;
@@ -51,7 +51,7 @@ pub(super) struct Canvas {
     ready: Box<dyn Any + Send + Sync>,
     ready_bytes: usize,
     /// One for each thread: a tile's is used up before the next tile begins.
-    veils: Mutex<Vec<Veil>>,
+    tile_buffers: Mutex<Vec<TileBuffer>>,
     mask: Vec<f32>,
 }
 
@@ -65,7 +65,7 @@ impl Default for Canvas {
             band_bytes: 0,
             ready: Box::new(()),
             ready_bytes: 0,
-            veils: Mutex::default(),
+            tile_buffers: Mutex::default(),
             mask: Vec::new(),
         }
     }
@@ -203,12 +203,12 @@ impl Canvas {
         grid: [usize; 2],
         picture: &mut Picture,
     ) {
-        let Self { starts, order, bands, mask, veils, .. } = self;
+        let Self { starts, order, bands, mask, tile_buffers, .. } = self;
         let wanted = threads().min(grid[1]);
-        let veils = &*veils;
-        let pool = || veils.lock().unwrap_or_else(PoisonError::into_inner);
+        let tile_buffers = &*tile_buffers;
+        let pool = || tile_buffers.lock().unwrap_or_else(PoisonError::into_inner);
         let held = pool().len();
-        pool().resize_with(wanted.max(held), Veil::new);
+        pool().resize_with(wanted.max(held), TileBuffer::new);
         let list = TileList { starts, order };
         let width = picture.width;
         let rows = width * TILE[1];
@@ -221,8 +221,8 @@ impl Canvas {
             let mut under = Under { pixels, mask, width, top, is_first };
             // Never none: no more bands are painted at a time than there are threads.
             let own = pool().pop();
-            let mut veil = own.unwrap_or_else(Veil::new);
-            let mut brush = Brush { band, veil: &mut veil, secants: &secants, scene };
+            let mut tile_buffer = own.unwrap_or_else(TileBuffer::new);
+            let mut brush = Brush { band, tile_buffer: &mut tile_buffer, secants: &secants, scene };
             for column in 0..grid[0] {
                 let (left, right) = (column * TILE[0], width.min((column + 1) * TILE[0]));
                 // Pictures have at most 2²⁸ pixels.
@@ -230,10 +230,10 @@ impl Canvas {
                 let mine = list.of(index * grid[0] + column);
                 if is_first || !mine.is_empty() {
                     brush.paint_tile(part, mine, Clip { left, top, right, bottom });
-                    brush.veil.uncover(&mut under);
+                    brush.tile_buffer.uncover(&mut under);
                 }
             }
-            pool().push(veil);
+            pool().push(tile_buffer);
         };
         let pixels = picture.pixels.par_chunks_mut(rows);
         bands.par_iter_mut().zip(pixels).zip(mask.par_chunks_mut(rows)).enumerate().for_each(paint);
@@ -278,7 +278,13 @@ impl Canvas {
             + self.bands.capacity() * size_of::<Box<dyn Any>>()
             + self.band_bytes
             + self.ready_bytes
-            + self.veils.lock().unwrap_or_else(PoisonError::into_inner).iter().map(Veil::bytes).sum::<usize>()
+            + self
+                .tile_buffers
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .iter()
+                .map(TileBuffer::bytes)
+                .sum::<usize>()
     }
 
     /// Each streak's place, light and tiles.
@@ -352,7 +358,7 @@ type Prepare<'a, P> = ((&'a mut Ready<P>, &'a mut TileBox), &'a Streak);
 /// What paints one band, tile by tile.
 struct Brush<'a, K: Kernel, L> {
     band: &'a mut Band<K::Scratch, K::Placed>,
-    veil: &'a mut Veil,
+    tile_buffer: &'a mut TileBuffer,
     secants: &'a Secants,
     scene: &'a Scene<'a, K, L>,
 }
@@ -360,7 +366,7 @@ struct Brush<'a, K: Kernel, L> {
 impl<K: Kernel, L> Brush<'_, K, L> {
     /// Lays a tile's streaks over each other.
     fn paint_tile(&mut self, part: &Part<K::Placed>, mine: &[u32], clip: Clip) {
-        self.veil.begin(clip);
+        self.tile_buffer.begin(clip);
         if mine.is_empty() {
             return;
         }
@@ -379,7 +385,7 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             };
             let laid = match seen {
                 Seen::Nowhere => 1,
-                Seen::Everywhere => kernel.lay(&near[at..run], scratch, self.veil),
+                Seen::Everywhere => kernel.lay(&near[at..run], scratch, self.tile_buffer),
                 Seen::InPlaces => 0,
             };
             at += laid;
@@ -395,18 +401,18 @@ impl<K: Kernel, L> Brush<'_, K, L> {
             if matches!(seen, Seen::InPlaces) {
                 self.hide(streak, clip);
             }
-            self.veil.lay_ribbon(&self.band.ribbon, paint);
+            self.tile_buffer.lay_ribbon(&self.band.ribbon, paint);
         }
     }
 
     /// A streak whose kernel hands on spans.
     fn paint_spans(&mut self, streak: &Streak, placed: &K::Placed, clip: Clip, paint: &Paint) {
-        let Self { band, veil, secants, scene } = self;
+        let Self { band, tile_buffer, secants, scene } = self;
         let scratch = &mut band.scratch;
         let Some(buffer) = &scene.depth else {
             return scene.kernel.draw(placed, clip, scratch, &mut |span| {
                 let blocks = [span.shares, span.covers.unwrap_or(span.shares)];
-                veil.lay_span([span.x, span.y], span.count, blocks, paint);
+                tile_buffer.lay_span([span.x, span.y], span.count, blocks, paint);
             });
         };
         let line = DepthLine::new(streak, &streak.footprint());
@@ -422,7 +428,7 @@ impl<K: Kernel, L> Brush<'_, K, L> {
                         [seen[0][i], seen[1][i]] = own;
                     }
                 }
-                veil.lay_span([span.x + start as i32, span.y], count, [&seen[0], &seen[1]], paint);
+                tile_buffer.lay_span([span.x + start as i32, span.y], count, [&seen[0], &seen[1]], paint);
             }
         });
     }

@@ -58,15 +58,14 @@ impl Relighter {
 
     /// What lights share towards a viewer, kept for the last.
     pub(crate) fn seen_by(&self, viewer: Viewer) -> Arc<Towards> {
-        let mut last = self.towards.0.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*last {
-            Some(kept) if kept.viewer == viewer => kept.clone(),
-            _ => {
-                let new = Arc::new(self.new_towards(viewer));
-                *last = Some(new.clone());
-                new
-            }
+        // Not while the work below is done, which other threads of the pool may join in, this lock's holder among those that they wait for.
+        let last = || self.towards.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(kept) = last().as_ref().filter(|kept| kept.viewer == viewer) {
+            return kept.clone();
         }
+        let new = Arc::new(self.new_towards(viewer));
+        *last() = Some(new.clone());
+        new
     }
 
     fn new_towards(&self, viewer: Viewer) -> Towards {

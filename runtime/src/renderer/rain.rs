@@ -130,6 +130,15 @@ fn mean(light: &[f32; 3]) -> f64 {
     light.iter().map(|&band| f64::from(band)).sum::<f64>() / 3.0
 }
 
+impl DropLight<'_> {
+    /// Distant lights that reach a drop: without the sun, which is the first if there is one, in the shadow of towers and hills. The flash's is the
+    /// last.
+    fn beams_at(&self, drop: DVec3) -> &[Beam] {
+        let is_dark = self.sun_shadows.is_some_and(|sun_shadows| sun_shadows.is_dark(drop));
+        &self.world.beams()[usize::from(is_dark)..]
+    }
+}
+
 impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
@@ -158,15 +167,12 @@ impl RainLight for DropLight<'_> {
         let drop = ray.origin + ray.direction * distance;
         let lamp =
             |(_, lamp, intensity): &NearLamp| mean(intensity) / (*lamp - drop).length_squared().max(0.01);
-        self.world.contrast_beside(self.lamps.iter().map(lamp).sum())
+        self.world.contrast_of_beams(self.beams_at(drop), self.lamps.iter().map(lamp).sum())
     }
 
     fn main_light(&self, ray: &Ray, distance: f64) -> Option<MainLight> {
         let drop = ray.origin + ray.direction * distance;
-        // The sun's beam, if there is one, is the first, the flash's the last.
-        let is_dark = self.sun_shadows.is_some_and(|sun_shadows| sun_shadows.is_dark(drop));
-        let beams = &self.world.beams()[usize::from(is_dark)..];
-        let beams = beams.iter().rev().enumerate();
+        let beams = self.beams_at(drop).iter().rev().enumerate();
         let beams = beams.map(|(at, beam)| {
             let bias = if at == 0 && self.has_flash { self.lightning_bias } else { 1.0 };
             (beam.towards, mean(&beam.irradiance) * bias)

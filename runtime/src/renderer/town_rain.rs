@@ -63,7 +63,10 @@ impl<'a> TownRain<'a> {
     fn kept_off(&self, from: DVec3, direction: DVec3, metres: f64) -> f64 {
         let (Some(dry), ray) = (self.dry, Ray { origin: from, direction }) else { return 0.0 };
         let mut path = 0.0;
+        // Rain ends there, dry or not.
+        let end = metres.min(RainPath::farthest(&self.field));
         dry.stretches(from, direction, metres, &mut |a, b| {
+            let (a, b) = (a.min(end), b.min(end));
             let short = self.field.short_path(from + direction * a, direction, b - a);
             path += short.unwrap_or_else(|| self.field.path(&ray, a, b));
         });

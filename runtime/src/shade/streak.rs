@@ -23,7 +23,7 @@ mod thin;
 pub(crate) mod upload;
 
 use crate::rain::kernel::{BLOCK, Ribbon};
-use crate::rain::veil::{Paint, Veil};
+use crate::rain::tile_buffer::{Paint, TileBuffer};
 use choice::Choice;
 use draw::{Lines, Wave, draw};
 use edge::EdgeTable;
@@ -250,7 +250,7 @@ impl StreakSet {
         true
     }
 
-    /// Lays a thin streak's lines inside `clip` over a veil; answers false, and does nothing, of any that is not simply thin.
+    /// Lays a thin streak's lines inside `clip` over a tile buffer; answers false, and does nothing, of any that is not simply thin.
     #[inline]
     pub(crate) fn lay_thin(
         &self,
@@ -258,11 +258,11 @@ impl StreakSet {
         clip: [[i32; 2]; 2],
         scratch: &mut Scratch,
         paint: &Paint,
-        veil: &mut Veil,
+        tile_buffer: &mut TileBuffer,
     ) -> bool {
         let Form::Thin(thin) = &placed.form else { return false };
         let Some(prepared) = self.prepared(placed.pattern) else { return false };
-        prepared.thin.lay(thin, clip, &mut scratch.mixed, paint, veil)
+        prepared.thin.lay(thin, clip, &mut scratch.mixed, paint, tile_buffer)
     }
 
     /// The kernel of a streak whose width is resolved.

@@ -203,7 +203,7 @@ struct State {
 }
 
 /// What lies under a look of two by two pixels.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Ground {
     /// The pixel whose film is looked at, and the one whose water is.
     pixel: [usize; 2],
@@ -213,6 +213,13 @@ struct Ground {
     normal: Vec3,
     /// 0 where nothing is wet.
     depth: f32,
+}
+
+impl Default for Ground {
+    /// Dry, or sky: without a film.
+    fn default() -> Self {
+        Self { pixel: [0; 2], most: [0; 2], slope: -1.0, normal: Vec3::ZERO, depth: 0.0 }
+    }
 }
 
 /// What the film of every other pixel mirrors.
@@ -226,7 +233,6 @@ struct Film {
     shown: bool,
     normal: Vec3,
     depth: f32,
-    rays: u32,
 }
 
 /// What a place is told of the rain and of water.
@@ -352,8 +358,8 @@ impl Surface {
             task.smear(&mut self.films, &mut self.smear);
         }
         let rays = task.lay(&self.films, out)
-            + self.looks.table_rays()
-            + self.films.iter().map(|film| (film.rays + film.standing.rays) as usize).sum::<usize>();
+            + self.looks.rays()
+            + self.films.iter().map(|film| film.standing.rays as usize).sum::<usize>();
         self.world = Some((frame.light.clone(), world));
         Ok(SurfaceReport { wet, puddles, rays })
     }

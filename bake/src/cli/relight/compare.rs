@@ -102,7 +102,9 @@ fn drawn(section: &Section) -> ([usize; 2], Vec<u8>) {
     let (columns, rows) = (section.width, section.relit.len() / section.width);
     let [along, up] = section.cell_m;
     let across_px = (SECTION_PX / columns as f64).round().clamp(1.0, CELL_PX);
-    let up_px = (across_px * up / along).round().clamp(1.0, CELL_PX);
+    // A tower of cells is drawn lower than it is.
+    let highest = (SECTION_PX / rows as f64).round().clamp(1.0, CELL_PX);
+    let up_px = (across_px * up / along).round().clamp(1.0, highest);
     let [across_px, up_px] = [across_px, up_px].map(|px| px as usize);
     let half = columns * across_px;
     let size = [2 * half + GAP_PX, rows * up_px];
@@ -149,6 +151,7 @@ mod tests {
             [color.0, color.1, color.2]
         };
         assert_eq!([at(0), at(64), at(128)], [color(1.0), color(0.0), [0; 3]]);
-        assert_eq!([at(136), at(200)], [color(0.5), color(0.0)]);
+        let hundredth = libm::log10(f64::from(1e-2f32)) / 4.0 + 1.0;
+        assert_eq!([at(136), at(200)], [color(hundredth), color(0.0)]);
     }
 }

@@ -23,7 +23,7 @@ use super::Pose;
 use super::edge::NARROWEST_BOX;
 use super::profile::Profile;
 use crate::rain::kernel::{BLOCK, Ribbon};
-use crate::rain::veil::{Paint, Veil};
+use crate::rain::tile_buffer::{Paint, TileBuffer};
 use crate::registers::{self, Plain, Registers};
 use lines::{Along, Lay};
 use squall_formats::section::streak::Pattern;
@@ -297,14 +297,14 @@ impl Thin {
         }
     }
 
-    /// Lays a kernel's lines over a veil; answers false, and does nothing, where a pixel's coverage may need cutting.
+    /// Lays a kernel's lines over a tile buffer; answers false, and does nothing, where a pixel's coverage may need cutting.
     pub(super) fn lay(
         &self,
         place: &ThinPlace,
         clip: [[i32; 2]; 2],
         mixed: &mut Vec<Four>,
         paint: &Paint,
-        veil: &mut Veil,
+        tile_buffer: &mut TileBuffer,
     ) -> bool {
         let at = place.class as usize * SHIFTS.len() + place.slant as usize;
         let tables = [at, at + 1, at + SHIFTS.len(), at + SHIFTS.len() + 1].map(|at| self.across_peaks[at]);
@@ -316,7 +316,7 @@ impl Thin {
         }
         let [lines, fast] = if place.level { clip } else { [clip[1], clip[0]] };
         let lines = place.lines_within(lines, fast, self.along_lit[place.length_class as usize]);
-        registers::run(Lay { thin: self, place, mixed, lines, paint, veil });
+        registers::run(Lay { thin: self, place, mixed, lines, paint, tile_buffer });
         true
     }
 

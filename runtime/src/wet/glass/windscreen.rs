@@ -69,6 +69,10 @@ const TICKS_PER_S: f64 = 64.0;
 const EPOCH_TICKS: i64 = 64 * 600;
 /// Cells of a pane at most.
 const CELLS_MOST: f64 = 600_000.0;
+/// Largest side of a cell, m.
+const CELL_MOST_M: f64 = 0.1;
+/// Times farther from 0 than this count as this, s: as far as a command's go.
+const TIME_MOST_S: f64 = 1e9;
 /// Values of the water's heights at most.
 const VALUES_MOST: usize = 4_000_000;
 /// Water thinner than this is dry glass, m: a tenth of a wavelength.
@@ -87,6 +91,8 @@ struct MadeFor {
     flux: Vec<DropFlux>,
     rain: f32,
     wipers: [f32; 2],
+    /// Whether drops run up.
+    up: bool,
     begin: i64,
 }
 
@@ -128,14 +134,19 @@ impl Windscreen {
             return Err(RuntimeError::argument("time_s", "a finite number", frame.time_s));
         }
         out.clear(size);
+        let seconds = tick_of(frame.time_s) as f64 / TICKS_PER_S;
+        let blades = if controls.wipers > 0.0 { blades(size, seconds, controls) } else { Vec::new() };
+        let front = Vec3::from_array(frame.light.mean_radiance()) * controls.front;
         if frame.flux.is_empty() || controls.rain == 0.0 {
-            return Ok(WindscreenReport::default());
+            let pixels = if blades.is_empty() { 0 } else { draw_rows(out, size[0], (&blades, front), None) };
+            return Ok(WindscreenReport { pixels, cells: 0 });
         }
         let view = View::new(frame.camera);
         let up = controls.lift > gravity(controls);
-        let height_m = controls.distance * size[1] as f32 / view.focal().y;
+        let away = if view.is_parallel() { 1.0 } else { controls.distance };
+        let height_m = away * size[1] as f32 / view.focal().y;
         let settings = settings(frame, controls, height_m);
-        let seconds = self.advance(frame, controls, settings)?;
+        self.advance(frame, controls, settings)?;
         let Some((glass, ..)) = &self.pane else { return Ok(WindscreenReport::default()) };
         let cells = settings.cells;
         let per_cell = size[1].div_ceil(cells[1]).clamp(1, 8);
@@ -153,39 +164,35 @@ impl Windscreen {
             picture: &self.picture,
             depth_m: &frame.buffer.depth_m,
             world: &world.1,
-            front: Vec3::from_array(frame.light.mean_radiance()) * controls.front,
+            front,
             fresnel: &self.fresnel,
             heights: with_margin(fine, &self.heights, up),
             fine,
             per_m: (fits as f64 / settings.spacing_m) as f32,
             controls,
         };
-        let blades = if controls.wipers > 0.0 { blades(size, seconds, controls) } else { Vec::new() };
-        let rows = out.light.par_chunks_mut(size[0]).zip(out.alpha.par_chunks_mut(size[0])).enumerate();
-        let row = |(y, (light, alpha)): (usize, (&mut [[f32; 3]], &mut [f32]))| {
-            sight.row(y, light, alpha);
-            wipe_row(&blades, sight.front, y, light, alpha);
-            alpha.iter().filter(|alpha| **alpha > 0.0).count() as u64
-        };
-        let pixels = rows.map(row).sum();
+        let pixels = draw_rows(out, size[0], (&blades, front), Some(&sight));
         Ok(WindscreenReport { pixels, cells: glass.wet_cells() })
     }
 
-    /// Brings the pane to the frame's time; seconds since its own time 0.
+    /// Brings the pane to the frame's time.
     fn advance(
         &mut self,
         frame: &WetFrame<'_>,
         controls: &WindscreenControls,
         settings: GlassSettings,
-    ) -> Result<f64, RuntimeError> {
-        let tick = libm::floor(frame.time_s * TICKS_PER_S) as i64;
-        let begin = tick.div_euclid(EPOCH_TICKS) * EPOCH_TICKS;
+    ) -> Result<(), RuntimeError> {
+        let tick = tick_of(frame.time_s);
+        // Before time 0 the pane is the first one's, and dry before its rain begins.
+        let begin = tick.div_euclid(EPOCH_TICKS).max(0) * EPOCH_TICKS;
+        let up = controls.lift > gravity(controls);
         let before = (f64::from(controls.wets) * TICKS_PER_S) as i64;
         let made_for = MadeFor {
             settings,
             flux: frame.flux.to_vec(),
             rain: controls.rain,
             wipers: [controls.wipers, controls.leaves],
+            up,
             begin: begin - before,
         };
         let kept = self.pane.take().filter(|(_, known, now)| *known == made_for && *now <= tick);
@@ -195,7 +202,6 @@ impl Windscreen {
         };
         let wipers = wipers(settings.cells.map(|n| n as f64 * settings.spacing_m), controls.leaves);
         let step = 1.0 / TICKS_PER_S;
-        let up = controls.lift > gravity(controls);
         while now < tick {
             for drop in frame.flux {
                 let flux = drop.impacts_per_m2_s * f64::from(controls.rain);
@@ -214,8 +220,31 @@ impl Windscreen {
             now += 1;
         }
         self.pane = Some((glass, made_for, now));
-        Ok(now as f64 * step)
+        Ok(())
     }
+}
+
+/// Ticks from time 0 to a time, s.
+fn tick_of(time_s: f64) -> i64 {
+    libm::floor(time_s.clamp(-TIME_MOST_S, TIME_MOST_S) * TICKS_PER_S) as i64
+}
+
+/// Draws water, where there is any, and blades over it into a layer of so many columns; pixels that show some.
+fn draw_rows(
+    out: &mut Layer,
+    width: usize,
+    (blades, front): (&[Blade], Vec3),
+    sight: Option<&Sight<'_>>,
+) -> u64 {
+    let rows = out.light.par_chunks_mut(width).zip(out.alpha.par_chunks_mut(width)).enumerate();
+    let row = |(y, (light, alpha)): (usize, (&mut [[f32; 3]], &mut [f32]))| {
+        if let Some(sight) = sight {
+            sight.row(y, light, alpha);
+        }
+        wipe_row(blades, front, y, light, alpha);
+        alpha.iter().filter(|alpha| **alpha > 0.0).count() as u64
+    };
+    rows.map(row).sum()
 }
 
 /// Gravity's share along a leaning pane, m/s².
@@ -223,14 +252,16 @@ fn gravity(controls: &WindscreenControls) -> f32 {
     9.80665 * libm::cosf(controls.lean.to_radians())
 }
 
+/// The lattice of a pane of this height, m. One that would have too many cells of the largest side stands for itself at a smaller scale.
 fn settings(frame: &WetFrame<'_>, controls: &WindscreenControls, height_m: f32) -> GlassSettings {
     let [width, height] = frame.buffer.size;
     let height_m = f64::from(height_m);
     let width_m = height_m * width as f64 / height as f64;
     let least = libm::sqrt(width_m * height_m / CELLS_MOST);
-    let spacing_m = (f64::from(controls.cell) * 1e-3).max(least).min(height_m / 3.0).clamp(1e-5, 0.1);
-    let cells =
-        [width_m, height_m].map(|side| (libm::ceil(side / spacing_m) as usize).clamp(3, super::CELLS_MAX));
+    let spacing_m = (f64::from(controls.cell) * 1e-3).max(least).min(height_m / 3.0).clamp(1e-5, CELL_MOST_M);
+    let [across, down] = [width_m, height_m].map(|side| libm::ceil(side / spacing_m));
+    let share = libm::sqrt(CELLS_MOST / (across * down)).min(1.0);
+    let cells = [across, down].map(|side| (libm::floor(side * share) as usize).clamp(3, super::CELLS_MAX));
     let pull = f64::from((gravity(controls) - controls.lift).abs()).max(1e-3);
     let hold = f64::from(controls.hold);
     GlassSettings {
@@ -336,7 +367,7 @@ impl Sight<'_> {
     /// What a pixel shows through water of a slope, and where in the picture that is.
     fn through(&self, [x, y]: [usize; 2], slope: Vec2, before: Option<Vec2>) -> (Vec3, Option<Vec2>) {
         let straight = self.view.ray([x as f32 + 0.5, y as f32 + 0.5]);
-        let from = straight * self.controls.distance;
+        let from = self.view.place(x, y, self.controls.distance);
         let direction = if self.view.is_parallel() { Vec3::Z } else { straight.normalize() };
         // Into the water at the flat side, out of it at its own.
         let inside = bent(direction, Vec3::Z, 1.0 / WATER_INDEX as f32).unwrap_or(direction);

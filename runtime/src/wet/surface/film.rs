@@ -92,7 +92,6 @@ impl Films {
                     shown: ground.slope >= 0.0,
                     normal: ground.normal,
                     depth: ground.depth,
-                    rays: shown.rays,
                 };
             }
         });
@@ -100,9 +99,11 @@ impl Films {
 }
 
 impl Films {
-    /// Rays that the last frame's tables took.
-    pub(super) fn table_rays(&self) -> usize {
-        self.tables.iter().flatten().count() * Facets::RAYS as usize
+    /// Rays that the last frame's tables, and its looks at all levels, took.
+    pub(super) fn rays(&self) -> usize {
+        let tables = self.tables.iter().flatten().count() * Facets::RAYS as usize;
+        // What a finer level has from a coarser one counts there: copies have no rays.
+        tables + self.levels.iter().flatten().map(|look| look.rays as usize).sum::<usize>()
     }
 
     /// Tables where films blur far enough for them.

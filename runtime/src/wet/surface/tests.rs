@@ -159,6 +159,28 @@ fn films_that_nodes_tell_are_those_that_are_looked_at() {
 }
 
 #[test]
+fn dry_looks_have_no_film_and_send_no_rays() {
+    let mut street = street(1.0);
+    let usual = SurfaceControls { puddles: 0.0, tolerance: 0.0, ..SurfaceControls::default() };
+    let whole = street.wet(25.0, &usual).1.rays;
+    let half = SIZE[0] / 2;
+    street.buffer.wettable = Some((0..SIZE[0] * SIZE[1]).map(|at| f32::from(at % SIZE[0] >= half)).collect());
+    for controls in [usual, SurfaceControls { paper_streaks: 1.0, ..usual }] {
+        let mut surface = Surface::new(5).unwrap();
+        let mut layer = Layer::default();
+        surface.draw(&street.frame(25.0), &controls, &mut layer).unwrap();
+        for (at, film) in surface.films.iter().enumerate().filter(|(at, _)| at % half < half / 2) {
+            assert!(!film.shown && film.light == [0.0; 3] && film.fresnel == 0.0, "{at}");
+        }
+        assert!(surface.films.iter().any(|film| film.shown && film.light[0] > 0.0));
+        let mut dry = (0..SIZE[0] * SIZE[1]).filter(|at| at % SIZE[0] < half);
+        assert!(dry.all(|at| layer.alpha[at] == 0.0 && layer.light[at] == [0.0; 3]));
+    }
+    let rays = street.wet(25.0, &usual).1.rays;
+    assert!(rays > 0 && rays * 10 < whole * 6, "{rays} {whole}");
+}
+
+#[test]
 fn a_surfaces_own_light_is_not_darkened() {
     let material = Material { albedo: [0.2; 3], roughness: 0.8, porosity: 1.0 };
     let pixel = SurfacePixel {

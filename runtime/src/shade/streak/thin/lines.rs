@@ -2,14 +2,14 @@
 
 use super::{BEYOND, BLOCK, Four, GENTLE, LINES, Nodes, PHASES, RANK, Thin, ThinPlace};
 use crate::rain::kernel::Ribbon;
-use crate::rain::veil::{Cell, MARGIN, Paint, STRIDE, Veil, flat};
+use crate::rain::tile_buffer::{Cell, MARGIN, Paint, STRIDE, TileBuffer, flat};
 use crate::registers::{Look, Registers, Work};
 use glam::Vec4;
 
 /// Places of a block's pixels from its middle.
 const PLACES: [f32; BLOCK] = [-1.5, -0.5, 0.5, 1.5];
 
-/// The laying of a streak's lines over a veil.
+/// The laying of a streak's lines over a tile buffer.
 pub(super) struct Lay<'a> {
     pub thin: &'a Thin,
     pub place: &'a ThinPlace,
@@ -17,21 +17,21 @@ pub(super) struct Lay<'a> {
     /// First line and the one after the last.
     pub lines: [i32; 2],
     pub paint: &'a Paint,
-    pub veil: &'a mut Veil,
+    pub tile_buffer: &'a mut TileBuffer,
 }
 
 impl Work for Lay<'_> {
     #[inline(always)]
     fn run<R: Registers>(self, registers: R) {
-        let Self { thin, place, mixed, lines, paint, veil } = self;
+        let Self { thin, place, mixed, lines, paint, tile_buffer } = self;
         let blocks = thin.mix(registers, place, paint.strength, mixed);
         let along = Along::new(place, &thin.along[place.length_class as usize]);
         let line = LineOf { mixed, blocks, along: &along, look: &paint.look() };
         // A size that the compiler knows becomes plain vector code.
         match (place.level, blocks) {
-            (true, _) => line.lay_columns(registers, place, lines, veil),
-            (false, 1) => LineOf { blocks: 1, ..line }.lay_rows(registers, place, lines, veil),
-            (false, _) => line.lay_rows(registers, place, lines, veil),
+            (true, _) => line.lay_columns(registers, place, lines, tile_buffer),
+            (false, 1) => LineOf { blocks: 1, ..line }.lay_rows(registers, place, lines, tile_buffer),
+            (false, _) => line.lay_rows(registers, place, lines, tile_buffer),
         }
     }
 }
@@ -46,10 +46,16 @@ struct LineOf<'a> {
 
 impl LineOf<'_> {
     #[inline(always)]
-    fn lay_rows(self, registers: impl Registers, place: &ThinPlace, rows: [i32; 2], veil: &mut Veil) {
-        let (left, steps) = (veil.clip().left - MARGIN as i32, self.along.steps());
+    fn lay_rows(
+        self,
+        registers: impl Registers,
+        place: &ThinPlace,
+        rows: [i32; 2],
+        tile_buffer: &mut TileBuffer,
+    ) {
+        let (left, steps) = (tile_buffer.clip().left - MARGIN as i32, self.along.steps());
         let mut starts = Starts::default();
-        let lines = veil.rows(rows).chunks_mut(LINES * STRIDE).zip((rows[0]..).step_by(LINES));
+        let lines = tile_buffer.rows(rows).chunks_mut(LINES * STRIDE).zip((rows[0]..).step_by(LINES));
         for (lines, from) in lines {
             starts.fill(place, self.along, from);
             for (i, line) in lines.chunks_exact_mut(STRIDE).enumerate().take(LINES) {
@@ -66,7 +72,13 @@ impl LineOf<'_> {
     }
 
     #[inline(always)]
-    fn lay_columns(self, registers: impl Registers, place: &ThinPlace, columns: [i32; 2], veil: &mut Veil) {
+    fn lay_columns(
+        self,
+        registers: impl Registers,
+        place: &ThinPlace,
+        columns: [i32; 2],
+        tile_buffer: &mut TileBuffer,
+    ) {
         let steps = self.along.steps();
         let mut starts = Starts::default();
         for from in (columns[0]..columns[1]).step_by(LINES) {
@@ -74,9 +86,9 @@ impl LineOf<'_> {
             for (i, x) in (from..columns[1]).enumerate().take(LINES) {
                 for block in 0..self.blocks {
                     let y = starts.first[i].saturating_add((block * BLOCK) as i32);
-                    if let Some(mut cells) = veil.column([x, y]) {
+                    if let Some(mut cells) = tile_buffer.column([x, y]) {
                         self.lay_block(registers, &starts, [i, block], &steps, flat(&mut cells));
-                        veil.set_column([x, y], &cells);
+                        tile_buffer.set_column([x, y], &cells);
                     }
                 }
             }

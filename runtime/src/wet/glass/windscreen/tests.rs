@@ -88,6 +88,35 @@ fn water_with_an_even_surface_bends_nothing_and_a_drops_lower_rim_looks_up() {
 }
 
 #[test]
+fn before_time_0_the_pane_is_the_first_ones_and_dry_before_its_rain() {
+    let stage = stage();
+    let mut pane = Windscreen::new();
+    for time in [-1e300, -3.0] {
+        assert_eq!(drawn(&mut pane, &stage, time, &controls()).1, 0);
+    }
+    let (early, pixels) = drawn(&mut pane, &stage, -0.1, &controls());
+    assert!(pixels > 0);
+    assert_eq!(early, drawn(&mut Windscreen::new(), &stage, -0.1, &controls()).0);
+    let later = drawn(&mut pane, &stage, 0.3, &controls()).0;
+    assert_eq!(later, drawn(&mut Windscreen::new(), &stage, 0.3, &controls()).0);
+}
+
+#[test]
+fn no_pane_has_too_many_cells_and_blades_sweep_a_dry_one() {
+    let mut stage = stage();
+    for (distance, height_m) in [(0.7, 0.8), (5.0, 5.8), (5.0, 1640.0), (5.0, 1e6)] {
+        let controls = WindscreenControls { distance, cell: 0.5, ..controls() };
+        let settings = settings(&stage.frame(0.0), &controls, height_m);
+        assert!((settings.cells[0] * settings.cells[1]) as f64 <= CELLS_MOST, "{height_m}");
+        assert!(Glass::new(settings).is_ok(), "{height_m}");
+    }
+    stage.flux.clear();
+    let (layer, pixels) =
+        drawn(&mut Windscreen::new(), &stage, 0.4, &WindscreenControls { wipers: 60.0, ..controls() });
+    assert!(pixels > 50 && layer.alpha.contains(&1.0), "{pixels}");
+}
+
+#[test]
 fn drops_run_up_where_the_wind_of_driving_lifts_them() {
     let (stage, still) = (stage(), controls());
     let lifted = WindscreenControls { lift: 30.0, ..still };

@@ -1,7 +1,7 @@
 //! What streaks show over a tile of the picture, before it is laid over the picture: light, and how much of what is behind it hides.
 //!
-//! Streaks are laid over each other here and not in the picture: a veil's pixels are 16 bytes side by side, light and coverage together, so that four of
-//! them are one register, and a tile's stay in a core's cache. To lie over another is associative: v' = v (1 − α) + α c for the veil's light and its
+//! Streaks are laid over each other here and not in the picture: a tile buffer's pixels are 16 bytes side by side, light and coverage together, so that four of
+//! them are one register, and a tile's stay in a core's cache. To lie over another is associative: v' = v (1 − α) + α c for the tile buffer's light and its
 //! coverage alike, and once, at the end, L (1 − coverage) + light. The picture is read and written once, row after row.
 
 use super::kernel::{BLOCK, Clip, Ribbon};
@@ -30,13 +30,13 @@ pub struct Paint {
     pub strength: f32,
     /// How far its light follows the pattern, in [0, 1]; the rest follows its coverage.
     pub contrast: f32,
-    /// Radiance of its light.
+    /// Radiance of its light, W/(m² sr).
     pub colour: [f32; 3],
 }
 
 /// A tile's streaks, laid over each other.
 #[derive(Clone, Debug, Default)]
-pub struct Veil {
+pub struct TileBuffer {
     /// Row after row, [`STRIDE`] to a row; nothing where no streak is.
     cells: Vec<Cell>,
     clip: Clip,
@@ -89,8 +89,8 @@ impl Paint {
     }
 }
 
-impl Veil {
-    /// A veil with its memory.
+impl TileBuffer {
+    /// A tile buffer with its memory.
     pub(super) fn new() -> Self {
         Self { cells: vec![[0.0; 4]; TILE[1] * STRIDE], ..Self::default() }
     }
@@ -147,7 +147,7 @@ impl Veil {
         Some(four)
     }
 
-    /// Writes what [`Veil::column`] read.
+    /// Writes what [`TileBuffer::column`] read.
     #[inline(always)]
     pub(crate) fn set_column(&mut self, [x, y]: [i32; 2], four: &[Cell; BLOCK]) {
         if y >= self.clip.top && y <= self.clip.bottom - BLOCK as i32 {
@@ -167,10 +167,10 @@ impl Veil {
 
     /// Lays a ribbon's part inside the tile.
     pub(super) fn lay_ribbon(&mut self, ribbon: &Ribbon, paint: Paint) {
-        registers::run(Lay { veil: self, ribbon, paint });
+        registers::run(Lay { tile_buffer: self, ribbon, paint });
     }
 
-    /// [`Veil::lay_ribbon`] of lines that are rows.
+    /// [`TileBuffer::lay_ribbon`] of lines that are rows.
     #[inline(always)]
     fn lay_rows(&mut self, registers: impl Registers, ribbon: &Ribbon, paint: &Paint) {
         let (colour, left) = (paint.with_one(), self.clip.left);
@@ -189,7 +189,7 @@ impl Veil {
         }
     }
 
-    /// [`Veil::lay_ribbon`] of lines that are columns.
+    /// [`TileBuffer::lay_ribbon`] of lines that are columns.
     #[inline(always)]
     fn lay_columns(&mut self, ribbon: &Ribbon, paint: &Paint) {
         let (clip, colour) = (self.clip, paint.with_one());
@@ -239,7 +239,7 @@ impl Veil {
 
     /// Lays all of it over the picture and into the mask, and takes it away.
     pub(super) fn uncover(&mut self, under: &mut Under) {
-        registers::run(Uncover { veil: self, under });
+        registers::run(Uncover { tile_buffer: self, under });
     }
 
     #[inline(always)]
@@ -289,7 +289,7 @@ impl Veil {
     }
 }
 
-/// Lays some of a veil's pixels over the picture's and into the mask.
+/// Lays some of a tile buffer's pixels over the picture's and into the mask.
 #[inline(always)]
 fn lay_over(registers: impl Registers, cells: &[Cell], pixels: &mut [[f32; 3]], mask: &mut [f32]) {
     let (blocks, rest) = cells.as_chunks::<BLOCK>();
@@ -324,7 +324,7 @@ fn lay_pixel(cell: &mut Cell, [shown, alpha]: [f32; 2], colour: &[f32; 4]) {
 
 /// The laying of a ribbon.
 struct Lay<'a> {
-    veil: &'a mut Veil,
+    tile_buffer: &'a mut TileBuffer,
     ribbon: &'a Ribbon,
     paint: Paint,
 }
@@ -332,23 +332,23 @@ struct Lay<'a> {
 impl Work for Lay<'_> {
     #[inline(always)]
     fn run<R: Registers>(self, registers: R) {
-        let Self { veil, ribbon, paint } = self;
+        let Self { tile_buffer, ribbon, paint } = self;
         match ribbon.columns {
-            true => veil.lay_columns(ribbon, &paint),
-            false => veil.lay_rows(registers, ribbon, &paint),
+            true => tile_buffer.lay_columns(ribbon, &paint),
+            false => tile_buffer.lay_rows(registers, ribbon, &paint),
         }
     }
 }
 
-/// The laying of a veil over its picture.
+/// The laying of a tile buffer over its picture.
 struct Uncover<'a, 'b> {
-    veil: &'a mut Veil,
+    tile_buffer: &'a mut TileBuffer,
     under: &'a mut Under<'b>,
 }
 
 impl Work for Uncover<'_, '_> {
     #[inline(always)]
     fn run<R: Registers>(self, registers: R) {
-        self.veil.uncover_in(registers, self.under);
+        self.tile_buffer.uncover_in(registers, self.under);
     }
 }
