@@ -283,8 +283,10 @@ mod tests {
         let (mut off, mut size) = (0.0, 0.0);
         for (at, (value, read)) in planes.iter().zip(&read).enumerate() {
             let weight = f64::from(weights.of(at / 512));
-            off += (weight * f64::from(value - read)).powi(2);
-            size += (weight * f64::from(*value)).powi(2);
+            let wrong = weight * f64::from(value - read);
+            off += wrong * wrong;
+            let whole = weight * f64::from(*value);
+            size += whole * whole;
         }
         assert!(off <= ERROR * ERROR * size * (1.0 + 1e-6));
     }
