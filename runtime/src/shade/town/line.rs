@@ -194,7 +194,7 @@ impl LineLight {
     }
 
     /// Radiance towards the eye per unit of the line's intensity from rippled water at `point`, 1/m²: the mean of
-    /// [`rippled_highlight`] over squared distance along it.
+    /// [`rippled_highlight`](crate::shade::water::rippled_highlight) over squared distance along it.
     pub fn highlight(&self, place: &Place) -> f32 {
         self.highlight_between([self.from, self.to].map(|end| place.slope_of(end)), place)
     }
