@@ -48,8 +48,8 @@ impl Distance {
     ///
     /// ```
     /// use squall_bake::relit::compare::Distance;
-    /// let distance = Distance::of(&[1.0, 3.0], &[1.0, 2.0]);
-    /// assert_eq!((distance.median, distance.mean), (0.0, 1.0 / 3.0));
+    /// let distance = Distance::of(&[1.0, 4.0], &[1.0, 3.0]);
+    /// assert_eq!((distance.median, distance.mean), (0.0, 0.25));
     /// ```
     pub fn of(found: &[f32], wanted: &[f32]) -> Self {
         let mut order: Vec<usize> = (0..wanted.len().min(found.len())).collect();
