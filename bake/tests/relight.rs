@@ -353,3 +353,26 @@ fn a_comparison_finds_the_assets_light_right_and_single_scattering_too_dark() {
     assert!(relit.error.contains("single scattering alone"), "{}", relit.error);
     assert_eq!(report["section"]["across"], "y");
 }
+
+#[test]
+fn a_comparison_replaces_neither_what_is_read_nor_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+    let lamps = json!([light(NODES[0], 3.0)]).to_string();
+    put("compare.json", lamps.clone());
+    put("camera.json", cameras()[1].to_string());
+    let run = |lamps: &str, out: &str| {
+        let mut command = Command::cargo_bin("squall").unwrap();
+        command.current_dir(folder.path()).arg("relight").arg(baked().path("late.squall"));
+        command.args(["--lamps", lamps, "--camera", "camera.json", "--compare", ".", "-o", out]);
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, error) = run("compare.json", "image.png");
+    assert!(code == Some(3) && error.contains("compare.json"), "{code:?} {error}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("compare.json")).unwrap(), lamps);
+    put("lamps.json", lamps);
+    let (code, error) = run("lamps.json", "single.png");
+    assert!(code == Some(3) && error.contains("single.png"), "{code:?} {error}");
+    assert!(!folder.path().join("single.png").exists());
+}

@@ -243,6 +243,7 @@ fn what_cannot_be_done_is_refused_with_the_right_code_and_leaves_nothing() {
         ("g.exr --rate 25 --set surface.puddles=2 -o o.png", 2, "0 to 1"),
         ("g.exr --rate 25 --only glow --without glow -o o.png", 2, "--without"),
         ("g.exr --rate 25 --resume -o o.png", 2, "--resume"),
+        ("g.exr --rate 25 --frames 0..2 --fps 4 --resume -o o.apng", 2, "--resume"),
         ("s.####.exr --rate 25 -o o.png", 3, "####"),
         ("s.####.exr --frames 1..9 --rate 25 -o o.####.png", 3, "8 files"),
     ] {

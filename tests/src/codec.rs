@@ -4,6 +4,7 @@ use crate::assert_close;
 use glam::DVec3;
 use proptest::prelude::*;
 use squall_bake::asset::asset_of;
+use squall_bake::asset::grid_section;
 use squall_bake::compress::compress_row;
 use squall_bake::pipeline;
 use squall_bake::progress::Quiet;
@@ -14,7 +15,6 @@ use squall_formats::container::write;
 use squall_formats::haar::Haar;
 use squall_formats::light_grid::LightGrid;
 use squall_formats::section::bolt::StrokeRecord;
-use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{
     self, Codec, DirectTerm, DirectionalBasis, DistantKind, RowCode, Stored, accumulate,
 };
@@ -116,15 +116,7 @@ fn bake(case: Case) -> Baked {
         cache: None,
     };
     let mut response = bake_response(&job, &Quiet).unwrap();
-    let head = CloudHead {
-        shape: cloud.shape,
-        cell_m: cloud.cell_m,
-        origin_m: cloud.origin_m.to_array(),
-        albedo: cloud.albedo,
-        g: cloud.g,
-        periodic_xy: false,
-    };
-    let grid = CloudSection::write_smallest(&head, &cloud.extinction);
+    let grid = grid_section(&cloud);
     let rows = response::write(&response.head, std::mem::take(&mut response.rows));
     let mut bytes = Vec::new();
     write(&mut bytes, &[grid, rows]).unwrap();

@@ -9,7 +9,7 @@ use super::folder::{OutputFolder, check_apart};
 use super::json as answer;
 use super::light_quality::LightArgs;
 use super::picture::{Format, PictureFile};
-use serde_json::json;
+use serde_json::{Value, json};
 use squall_bake::BakeError;
 use squall_bake::fields::{Estimate, Fields, grey_picture};
 use squall_bake::input::scene::read_lights;
@@ -91,23 +91,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let (name, camera) = args.camera.read(&asset)?;
     let towards_region =
         matches!(clouds.relighter().response().head.basis, DirectionalBasis::ViewRegion { .. });
-    let beside = args
-        .compare
-        .iter()
-        .flat_map(|place| compare::names(!towards_region).into_iter().map(|file| place.join(file)));
-    let fields =
-        args.field.iter().flat_map(|place| field_names(&name).into_iter().map(|file| place.join(file)));
-    let outputs: Vec<PathBuf> = std::iter::once(args.out.clone()).chain(beside).chain(fields).collect();
-    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
-    check_apart(&outputs, [&args.asset, &args.lamps].into_iter().chain(args.camera.files()))?;
-    let mut folder = args.field.as_deref().map(OutputFolder::prepare).transpose()?;
-    if let Some(folder) = &mut folder {
-        folder.expect(field_names(&name).iter().map(String::as_str))?;
-    }
-    let mut beside = args.compare.as_deref().map(OutputFolder::prepare).transpose()?;
-    if let Some(beside) = &mut beside {
-        beside.expect(compare::names(!towards_region))?;
-    }
+    let Folders { fields: folder, beside } = Folders::prepare(&args, &name, !towards_region)?;
     let bars = args.common.start()?;
     let direct = args.direct.map(|direct| match direct {
         Direct::Rows => DirectFrom::Rows,
@@ -116,15 +100,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let (fields, report) = relight(&mut clouds, &lamps, (&name, &camera), direct, folder.is_some(), &bars)?;
     bars.finish();
     bars.check()?;
-    if let Some(note) = note_live(&report, &clouds) {
-        bars.say(&note);
-    }
-    if let Some(gathered) = &report.gathered {
-        bars.say(&gathered.to_string());
-    }
-    if let Some(note) = note_means(&report, &camera) {
-        bars.say(&note);
-    }
+    let gathered = report.gathered.as_ref().map(ToString::to_string);
+    let notes = [note_live(&report, &clouds), gathered, note_means(&report, &camera)];
+    notes.into_iter().flatten().for_each(|note| bars.say(&note));
     let (_, width, image) = fields.images.first().ok_or(BakeError::NoPicture)?;
     let shown = grey_picture(*width, &image.mean);
     let exposure = args.exposure.unwrap_or_else(|| Tone::exposure_for(&shown));
@@ -152,15 +130,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         summary[key] = value.clone();
     }
     if let (Some(folder), Some(place)) = (folder, &args.field) {
-        let files = folder.write(|folder| {
-            let mut files = fields.write(folder)?;
-            let mut summary = summary.clone();
-            summary["files"] = json!(files);
-            let text = serde_json::to_string_pretty(&summary)? + "\n";
-            write_atomically(&folder.join("relight.json"), |out| out.write_all(text.as_bytes()))?;
-            files.push("relight.json".into());
-            Ok(files)
-        })?;
+        let files = write_fields(folder, &fields, &summary)?;
         bars.say(&format!("{}: {}", place.display(), files.join(" ")));
         summary["files"] = json!(files);
     }
@@ -183,6 +153,49 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     summary["picture"] = json!(args.out.to_string_lossy());
     summary["fields"] = json!(args.field.as_ref().map(|field| field.to_string_lossy()));
     answer::answer(&summary)
+}
+
+/// Folders that were asked for, tried before the work.
+struct Folders {
+    fields: Option<OutputFolder>,
+    beside: Option<OutputFolder>,
+}
+
+impl Folders {
+    /// Errors: an output that replaces an input or another output; as [`OutputFolder::prepare`].
+    fn prepare(args: &Args, camera: &str, section: bool) -> Result<Self, BakeError> {
+        let (field_names, names) = (field_names(camera), compare::names(section));
+        let in_fields = args.field.iter().flat_map(|place| field_names.iter().map(|file| place.join(file)));
+        let in_beside = args.compare.iter().flat_map(|place| names.iter().map(|file| place.join(file)));
+        let outputs: Vec<PathBuf> =
+            std::iter::once(args.out.clone()).chain(in_fields).chain(in_beside).collect();
+        let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
+        check_apart(&outputs, [&args.asset, &args.lamps].into_iter().chain(args.camera.files()))?;
+        let mut folders = Self {
+            fields: args.field.as_deref().map(OutputFolder::prepare).transpose()?,
+            beside: args.compare.as_deref().map(OutputFolder::prepare).transpose()?,
+        };
+        if let Some(fields) = &mut folders.fields {
+            fields.expect(field_names.iter().map(String::as_str))?;
+        }
+        if let Some(beside) = &mut folders.beside {
+            beside.expect(names)?;
+        }
+        Ok(folders)
+    }
+}
+
+/// Writes `--field`'s folder and returns the files' names.
+fn write_fields(folder: OutputFolder, fields: &Fields, summary: &Value) -> anyhow::Result<Vec<String>> {
+    folder.write(|folder| {
+        let mut files = fields.write(folder)?;
+        let mut summary = summary.clone();
+        summary["files"] = json!(files);
+        let text = serde_json::to_string_pretty(&summary)? + "\n";
+        write_atomically(&folder.join("relight.json"), |out| out.write_all(text.as_bytes()))?;
+        files.push("relight.json".into());
+        Ok(files)
+    })
 }
 
 /// Names of the files that `--field` may make.

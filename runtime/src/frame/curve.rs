@@ -255,8 +255,15 @@ impl FlashCurve {
 /// Rise of a piece's light once the front is there, s; [`RISE_S`] has the front's way in it.
 const PIECE_RISE_S: f64 = 5e-6;
 
+/// Decay times after which less than an ulp of a stroke's light is still to come.
+const LONG_FADED: f64 = 40.0;
+
 /// Share of a return stroke's light that is out of a piece which the front entered `first` and left `last` ago, s.
 fn faded_behind(first: f64, last: f64) -> f64 {
+    // All of it; the difference below would be that of two long times, and its ulps over a moment's exposure would shine.
+    if last > LONG_FADED * DECAY_S {
+        return 1.0;
+    }
     let share = |t: f64, fade: f64| t - fade * -libm::expm1(-t / fade);
     // ∫ of what is faded at one place over the front's time in the piece.
     let sum = |t: f64| {

@@ -196,6 +196,10 @@ mod tests {
                 assert!((found / wanted - 1.0).abs() < ROUND_OFF, "{seed} {opens}: {found} {wanted}");
             }
         }
+        for late in [10.0, 1e4, 1e8] {
+            let seen = pieces.brightness(&FlashCurve::natural(2), Seconds(late), Seconds(1e-6));
+            assert!(seen.iter().all(|&own| own == 0.0), "{late}: {seen:?}");
+        }
         assert!(ChannelPieces::of(&stroke, 0).is_err() && ChannelPieces::of(&stroke, 65).is_err());
     }
 

@@ -1,12 +1,12 @@
 //! Clouds at the edges of their range, baked, relit and looked at.
 
 use glam::{DVec3, Vec4};
+use squall_bake::asset::grid_section;
 use squall_bake::progress::Quiet;
 use squall_bake::response::{Job, ResponseSettings, Sources, WantedLights, bake_response};
 use squall_formats::GridShape;
 use squall_formats::container::write;
 use squall_formats::light_grid::LightGrid;
-use squall_formats::section::cloud::{CloudHead, CloudSection};
 use squall_formats::section::response::{self, Codec, DirectTerm, DirectionalBasis, Stored};
 use squall_formats::units::Radians;
 use squall_runtime::Asset;
@@ -79,18 +79,7 @@ fn vacuum_a_single_cell_and_very_deep_cells_are_baked_and_relit() {
             cache: None,
         };
         let mut baked = bake_response(&job, &Quiet).unwrap();
-        let head = CloudHead {
-            shape: cloud.shape,
-            cell_m: cloud.cell_m,
-            origin_m: cloud.origin_m.to_array(),
-            albedo: cloud.albedo,
-            g: cloud.g,
-            periodic_xy: false,
-        };
-        let sections = [
-            CloudSection::write_smallest(&head, &cloud.extinction),
-            response::write(&baked.head, std::mem::take(&mut baked.rows)),
-        ];
+        let sections = [grid_section(&cloud), response::write(&baked.head, std::mem::take(&mut baked.rows))];
         let mut bytes = Vec::new();
         write(&mut bytes, &sections).unwrap();
         let asset = Asset::from_bytes(&bytes).unwrap();

@@ -119,12 +119,16 @@ fn no_pane_has_too_many_cells_and_blades_sweep_a_dry_one() {
 #[test]
 fn drops_run_up_where_the_wind_of_driving_lifts_them() {
     let (stage, still) = (stage(), controls());
-    let lifted = WindscreenControls { lift: 30.0, ..still };
-    let (falls, rises) = (
-        drawn(&mut Windscreen::new(), &stage, 1.0, &still).0,
-        drawn(&mut Windscreen::new(), &stage, 1.0, &lifted).0,
-    );
-    assert_ne!(falls, rises);
+    // As strong a pull the other way: the same water, upside down.
+    let lifted = WindscreenControls { lift: 2.0 * gravity(&still), ..still };
+    // Long enough that what runs has come to the pane's end.
+    let [falls, rises] =
+        [still, lifted].map(|controls| drawn(&mut Windscreen::new(), &stage, 10.0, &controls).0);
+    let bands =
+        |layer: &Layer| -> Vec<f32> { layer.alpha.chunks(96 * 12).map(|band| band.iter().sum()).collect() };
+    let (falls, rises) = (bands(&falls), bands(&rises));
+    assert!(falls[5] > 1.2 * falls[0], "water gathers below: {falls:?}");
+    assert_eq!(rises.iter().rev().copied().collect::<Vec<f32>>(), falls);
     for wrong in
         [WindscreenControls { distance: 0.0, ..still }, WindscreenControls { hold: f32::NAN, ..still }]
     {
