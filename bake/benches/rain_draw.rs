@@ -1,5 +1,5 @@
 //! `cargo bench -p squall-bake --bench rain_draw [-- PICTURE…] [--baselines]`: what drawing a frame's streaks costs, beside how far the
-//! frame is off; with `--baselines` also what \[weber\]'s Algorithm 1 as printed and a particle system take for one such frame.
+//! frame is off; with `--each` how far each picture's own pattern is off it, with `--baselines` what \[weber\]'s Algorithm 1 as printed and a particle system take for one such frame.
 //!
 //! Milliseconds are one thread's own, at 1920 × 1080, T 20 ms, streaks of 30 to 200 px; the error is that of a smaller frame of the
 //! same streaks against the pictures themselves with 256 samples a pixel. Nothing is asserted: machines differ, and tests judge errors.
@@ -40,6 +40,26 @@ fn main() {
         println!("R 75, fov 120: found and drawn {ours:.1} ms");
         println!("Algorithm 1 as printed, one frame: {:.0} ms, {:.0} ×", grid.median, grid.median / ours);
         println!("particle system: {:.1} ms, {:.1} ×", system.median, system.median / ours);
+        return;
+    }
+    if std::env::args().any(|argument| argument == "--each") {
+        // How far each picture's own pattern is off it, on a frame of R 75, fov 120.
+        let view =
+            View { section: &section, rate: 75.0, fov: 120.0, size: [480, 270], lengths_px: [30.0, 200.0] };
+        for (source, picture) in sources.iter().zip(&pictures) {
+            let truth =
+                view.supersampled(&PictureSet::new(std::slice::from_ref(picture), PER_SAMPLE)).unwrap();
+            let error = |method: Method| {
+                let fitted =
+                    fit_all(std::slice::from_ref(source), FitSettings { method, cosines: 6 }).unwrap();
+                100.0 * view.measure(&StreakSet::new(&StreakSection { patterns: fitted }), &truth).unwrap().0
+            };
+            let [edges, separable, paper] = [Method::Edges, Method::Separable, Method::Paper].map(error);
+            println!(
+                "{}: 6 cosines {edges:.2} %, separable {separable:.2} %, paper {paper:.2} %",
+                source.file.display()
+            );
+        }
         return;
     }
     let (cosines, separable) = (set(Method::Edges), set(Method::Separable));

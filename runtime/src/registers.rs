@@ -2,7 +2,7 @@
 //!
 //! All of them run the same additions and multiplications in the same order, none fused, so that the bytes are the same.
 
-use glam::Vec4;
+use glam::{Vec4, Vec4Swizzles};
 
 /// Runs `work`, which is inlined, with the widest registers of this machine.
 #[cfg(feature = "simd")]
@@ -188,15 +188,23 @@ impl Registers for Plain {
 
     #[inline(always)]
     fn uncover(self, cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]) {
-        let pixels = light.as_chunks_mut::<3>().0.iter_mut().zip(mask);
-        for ((light, mask), cell) in pixels.zip(cells.as_chunks::<4>().0) {
-            let keep = 1.0 - cell[3];
-            for (light, own) in light.iter_mut().zip(cell) {
-                *light = *light * keep + own;
-            }
-            *mask = *mask * keep + cell[3];
-        }
+        uncover(cells, light, mask);
     }
+}
+
+/// [`Registers::uncover`] in registers of 128 bits, which three numbers a pixel fall into.
+#[inline(always)]
+fn uncover(cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]) {
+    let (a, b) = (Vec4::from_slice(&cells[..4]), Vec4::from_slice(&cells[4..8]));
+    let (c, d) = (Vec4::from_slice(&cells[8..12]), Vec4::from_slice(&cells[12..]));
+    let own = [Vec4::new(a.x, a.y, a.z, b.x), Vec4::new(b.y, b.z, c.x, c.y), Vec4::new(c.z, d.x, d.y, d.z)];
+    let hidden = Vec4::new(a.w, b.w, c.w, d.w);
+    let keep = Vec4::ONE - hidden;
+    let each = [keep.xxxy(), keep.yyzz(), keep.zwww()];
+    for ((light, own), keep) in light.as_chunks_mut::<4>().0.iter_mut().zip(own).zip(each) {
+        *light = (Vec4::from_array(*light) * keep + own).to_array();
+    }
+    *mask = (Vec4::from_array(*mask) * keep + hidden).to_array();
 }
 
 /// Four pixels in one register.
@@ -207,7 +215,7 @@ pub(crate) struct Wide<S>(pub S);
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod wide {
     use super::{Look, Registers, Wide};
-    use fearless_simd::{Simd, SimdBase, f32x4, f32x8, f32x16, u8x64};
+    use fearless_simd::{Simd, SimdBase, f32x4, f32x16, u8x64};
 
     // Nothing here may be a closure, or an array's `map`: what is not inlined leaves the registers.
 
@@ -324,20 +332,7 @@ mod wide {
 
         #[inline(always)]
         fn uncover(self, cells: &[f32; 16], light: &mut [f32; 12], mask: &mut [f32; 4]) {
-            let simd = self.0;
-            let [r, g, b, hide, s, h, c, hides, t, i, d, hidden, u, j, e, last] = *cells;
-            let near = [r, g, b, s, h, c, t, i];
-            let keep = [hide, hide, hide, hides, hides, hides, hidden, hidden];
-            let (first, second) = light.split_at_mut(8);
-            let kept =
-                f32x8::from_slice(simd, first) * (f32x8::splat(simd, 1.0) - f32x8::from_slice(simd, &keep));
-            (kept + f32x8::from_slice(simd, &near)).store_slice(first);
-            let one = f32x4::splat(simd, 1.0);
-            let keep = f32x4::from_slice(simd, &[hidden, last, last, last]);
-            let kept = f32x4::from_slice(simd, second) * (one - keep);
-            (kept + f32x4::from_slice(simd, &[d, u, j, e])).store_slice(second);
-            let hidden = f32x4::from_slice(simd, &[hide, hides, hidden, last]);
-            (f32x4::from_slice(simd, mask) * (one - hidden) + hidden).store_slice(mask);
+            super::uncover(cells, light, mask);
         }
     }
 }

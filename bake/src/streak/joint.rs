@@ -157,37 +157,44 @@ fn effort(cosines: usize) -> Effort {
     }
 }
 
-/// The part of the picture that a fit must see, averaged down if it is large.
+/// The part of the picture that a fit must see, averaged down if it is large. Beyond a border that no light touches there is none, and a fit sees that too: what it put there
+/// would be drawn, and would take its share of the drop's light.
 fn sample(picture: &Grey, most: usize) -> Samples {
     let sides = [picture.width, picture.height];
     let ends = support(picture, BLACK);
     // A margin of background keeps the window from leaking past the light.
     let bounds = [0, 1].map(|axis| {
-        let margin = 2 + sides[axis] / 16;
-        let low = (ends[axis][0] * sides[axis] as f64).round() as usize;
-        let high = (ends[axis][1] * sides[axis] as f64).round() as usize;
-        (low.saturating_sub(margin), (high + margin).min(sides[axis]))
+        let (side, margin) = (sides[axis] as i64, (2 + sides[axis] / 16) as i64);
+        let [low, high] = ends[axis].map(|end| (end * side as f64).round() as i64);
+        let low = if low > 0 { low - margin } else { 0 };
+        let high = if high < side { high + margin } else { side };
+        (low, high)
     });
-    let mut cells = bounds.map(|(low, high)| high - low);
+    let mut cells = bounds.map(|(low, high)| (high - low) as usize);
     while cells[0] * cells[1] > most {
         let longer = usize::from(cells[1] > cells[0]);
         cells[longer] = cells[longer].div_ceil(2);
     }
     let edges = [0, 1].map(|axis| {
         let (low, high) = bounds[axis];
-        (0..=cells[axis]).map(|i| low + i * (high - low) / cells[axis]).collect::<Vec<usize>>()
+        (0..=cells[axis]).map(|i| low + i as i64 * (high - low) / cells[axis] as i64).collect::<Vec<i64>>()
     });
     let axes = [0, 1].map(|axis| {
-        let middle = |pair: &[usize]| 0.5 * (pair[0] + pair[1]) as f64 / sides[axis] as f64;
+        let middle = |pair: &[i64]| 0.5 * (pair[0] + pair[1]) as f64 / sides[axis] as f64;
         edges[axis].windows(2).map(middle).collect::<Vec<f64>>()
     });
+    // Of the pixels from one edge to the next, those that the picture has.
+    let within = |axis: usize, pair: &[i64]| {
+        let [from, to] = [pair[0], pair[1]].map(|edge| edge.clamp(0, sides[axis] as i64) as usize);
+        from..to
+    };
     let mut light = Vec::with_capacity(cells[0] * cells[1]);
     for rows in edges[1].windows(2) {
         for columns in edges[0].windows(2) {
             let mut sum = 0.0;
-            for y in rows[0]..rows[1] {
+            for y in within(1, rows) {
                 let row = &picture.pixels[y * picture.width..][..picture.width];
-                sum += row[columns[0]..columns[1]].iter().map(|&light| f64::from(light)).sum::<f64>();
+                sum += row[within(0, columns)].iter().map(|&light| f64::from(light)).sum::<f64>();
             }
             light.push(sum / ((rows[1] - rows[0]) * (columns[1] - columns[0])) as f64);
         }

@@ -35,6 +35,8 @@ const STEP: usize = 2 * FLAT;
 const BAND: usize = 4;
 /// Most nodes across; wider pictures work J out at every pixel.
 const NODES: usize = 520;
+/// Distant lights that are blended with the pixels; of more, each is added to all of J's pixels first.
+const MOST_BEAMS: usize = 4;
 /// Widest step of J, as a tangent: a horizon in rain of g = .88 bends over .12.
 const WIDEST_STEP: f32 = 0.08;
 
@@ -112,6 +114,13 @@ struct BandMedium<'a, V> {
 
 /// J along one row of pixels: at every eighth pixel's left edge, or nowhere.
 type Line = [[f32; 3]; 2 * NODES];
+
+/// What some pixels show of a distant light: the share of its irradiance that is scattered along each ray, 1/sr.
+#[derive(Clone, Copy)]
+struct Shown {
+    share: Lanes,
+    irradiance: [f32; 3],
+}
 
 /// A distant light in one row of pixels: cos θ = (first + x · per pixel)/secant.
 struct RowBeam {
@@ -227,6 +236,9 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             irradiance: beam.irradiance,
         };
         let beams = self.light.beams();
+        let lobe = self.light.phase().as_henyey_greenstein();
+        let by_line = self.has_nodes && beams.len() <= MOST_BEAMS && (beams.is_empty() || lobe.is_some());
+        let mut shown = [Shown { share: [0.0; LANES], irradiance: [0.0; 3] }; MOST_BEAMS];
         let depth = self.depth.map(|depth| (depth.row(y), depth.kind() == DepthKind::Range));
         let squared = 1.0 + tangent * tangent;
         let (mut tangents, mut secants, mut known) = ([0.0; LANES], [1.0; LANES], [f32::INFINITY; LANES]);
@@ -244,10 +256,15 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
             let mut seen = [0.0; LANES];
             self.optical_depths([at, y, row], (&known, ranges, mapped), (&tangents, &secants), &mut seen);
             exp_neg(&mut seen);
-            let done = match self.has_nodes && beams.is_empty() {
-                true => blend_line(&seen, &line[at / FLAT..], pixels),
-                false => 0,
-            };
+            let mut done = 0;
+            if by_line {
+                for (beam, shown) in beams.iter().map(beam).zip(&mut shown) {
+                    shown.irradiance = beam.irradiance;
+                    beam.cosines(&tangents, &secants, &mut shown.share);
+                    lobe.into_iter().for_each(|lobe| henyey_greenstein(lobe, &mut shown.share));
+                }
+                done = blend_line(&seen, &line[at / FLAT..], &shown[..beams.len()], pixels);
+            }
             if done < count {
                 let mut source = [[0.0f32; 3]; LANES];
                 self.fill_source([at, y], line, &mut source);
@@ -289,14 +306,11 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
         depths: &mut Lanes,
     ) {
         let [x, y, row] = place;
-        let mut range = *metres;
-        if !ranges {
-            for i in 0..LANES {
-                range[i] *= secants[i];
-            }
-        }
-        for range in &mut range {
-            *range = if *range > self.farthest { self.farthest } else { *range };
+        // Read from one place and written to another: a value that is left as it was would become a store with a mask, which some processors take long for.
+        let mut range = [0.0; LANES];
+        for i in 0..LANES {
+            let own = if ranges { metres[i] } else { metres[i] * secants[i] };
+            range[i] = if own > self.farthest { self.farthest } else { own };
         }
         let mut special = 0u32;
         let dry = self.dry([x, y], (tangents, secants), &range);
@@ -353,29 +367,43 @@ impl<'a, V: RainPath> BandMedium<'a, V> {
 
     #[inline(always)]
     fn add_beam(&self, beam: &RowBeam, tangents: &Lanes, secants: &Lanes, source: &mut [[f32; 3]; LANES]) {
-        let mut cosines = [0.0f32; LANES];
-        for i in 0..LANES {
-            cosines[i] = (beam.first + beam.per_tangent * tangents[i]) / secants[i];
-        }
-        let Some((factor, g)) = self.light.phase().as_henyey_greenstein() else {
-            for (source, cosine) in source.iter_mut().zip(cosines) {
+        let mut shares = [0.0f32; LANES];
+        beam.cosines(tangents, secants, &mut shares);
+        let Some(lobe) = self.light.phase().as_henyey_greenstein() else {
+            for (source, cosine) in source.iter_mut().zip(shares) {
                 let share = self.light.phase().values(f64::from(cosine.clamp(-1.0, 1.0)));
                 (0..3).for_each(|band| source[band] += share[band] as f32 * beam.irradiance[band]);
             }
             return;
         };
-        let narrow = ((1.0 - g.abs()) * (1.0 - g.abs())) as f32;
-        let twice = (2.0 * g) as f32;
-        let top = if g < 0.0 { -1.0 } else { 1.0 };
-        let scale = (factor * (1.0 - g * g) / (4.0 * std::f64::consts::PI)) as f32;
-        for cosine in &mut cosines {
-            // 1 + g² − 2g cos θ in a form that keeps its digits at the peak.
-            let base = narrow + twice * (top - *cosine);
-            *cosine = scale / (base * base.sqrt());
-        }
-        for (source, share) in source.iter_mut().zip(cosines) {
+        henyey_greenstein(lobe, &mut shares);
+        for (source, share) in source.iter_mut().zip(shares) {
             (0..3).for_each(|band| source[band] += share * beam.irradiance[band]);
         }
+    }
+}
+
+impl RowBeam {
+    /// cos θ between each pixel's ray and the light.
+    #[inline(always)]
+    fn cosines(&self, tangents: &Lanes, secants: &Lanes, cosines: &mut Lanes) {
+        for i in 0..LANES {
+            cosines[i] = (self.first + self.per_tangent * tangents[i]) / secants[i];
+        }
+    }
+}
+
+/// What a lobe (its factor and its g) sends along each ray, 1/sr, in the stead of the cosines there.
+#[inline(always)]
+fn henyey_greenstein((factor, g): (f64, f64), cosines: &mut Lanes) {
+    let narrow = ((1.0 - g.abs()) * (1.0 - g.abs())) as f32;
+    let twice = (2.0 * g) as f32;
+    let top = if g < 0.0 { -1.0 } else { 1.0 };
+    let scale = (factor * (1.0 - g * g) / (4.0 * std::f64::consts::PI)) as f32;
+    for cosine in cosines {
+        // 1 + g² − 2g cos θ in a form that keeps its digits at the peak.
+        let base = narrow + twice * (top - *cosine);
+        *cosine = scale / (base * base.sqrt());
     }
 }
 
@@ -397,11 +425,17 @@ fn blended(seen: Vec4, source: Vec4, light: Vec4) -> Vec4 {
     Vec4::select(seen.cmpgt(Vec4::ZERO), lit, source)
 }
 
+/// One number of each of four pixels, three times.
+#[inline(always)]
+fn each_of(four: &[f32]) -> [Vec4; 3] {
+    let four = Vec4::from_slice(four);
+    [four.xxxy(), four.yyzz(), four.zwww()]
+}
+
 /// The same of four pixels.
 #[inline(always)]
 fn blend_four(seen: &[f32], source: [Vec4; 3], pixels: &mut [f32]) {
-    let seen = Vec4::from_slice(seen);
-    let each = [seen.xxxy(), seen.yyzz(), seen.zwww()];
+    let each = each_of(seen);
     for v in 0..3 {
         let light = Vec4::from_slice(&pixels[4 * v..]);
         blended(each[v], source[v], light).write_to_slice(&mut pixels[4 * v..]);
@@ -415,9 +449,9 @@ fn blend_rest(seen: &[f32], source: &[f32], pixels: &mut [f32]) {
     }
 }
 
-/// Blends with J between the values of a line, at whole runs of eight pixels; answers how many pixels that were.
+/// Blends with J between the values of a line and what is `shown` of distant lights, at whole runs of eight pixels; answers how many pixels that were.
 #[inline(always)]
-fn blend_line(seen: &Lanes, line: &[[f32; 3]], pixels: &mut [[f32; 3]]) -> usize {
+fn blend_line(seen: &Lanes, line: &[[f32; 3]], shown: &[Shown], pixels: &mut [[f32; 3]]) -> usize {
     /// Eighths from a run's left edge to the middles of its pixels, as three numbers a pixel lie in registers.
     const ACROSS: [Vec4; 3] = [
         Vec4::new(0.0625, 0.0625, 0.0625, 0.1875),
@@ -433,9 +467,19 @@ fn blend_line(seen: &Lanes, line: &[[f32; 3]], pixels: &mut [[f32; 3]]) -> usize
         let pixels = pixels.as_flattened_mut();
         let (near, far) = pixels.split_at_mut(12);
         let slope: [Vec4; 3] = std::array::from_fn(|v| to[v] - from[v]);
-        let source: [Vec4; 3] = std::array::from_fn(|v| from[v] + slope[v] * ACROSS[v]);
-        blend_four(&seen[..4], source, near);
-        blend_four(&seen[4..], std::array::from_fn(|v| source[v] + slope[v] * 0.5), far);
+        let mut first: [Vec4; 3] = std::array::from_fn(|v| from[v] + slope[v] * ACROSS[v]);
+        let mut second: [Vec4; 3] = std::array::from_fn(|v| first[v] + slope[v] * 0.5);
+        for Shown { share, irradiance } in shown {
+            let irradiance = spread(*irradiance);
+            for (v, share) in each_of(&share[count..count + 4]).into_iter().enumerate() {
+                first[v] += share * irradiance[v];
+            }
+            for (v, share) in each_of(&share[count + 4..count + 8]).into_iter().enumerate() {
+                second[v] += share * irradiance[v];
+            }
+        }
+        blend_four(&seen[..4], first, near);
+        blend_four(&seen[4..], second, far);
         from = to;
         count += FLAT;
     }

@@ -5,6 +5,7 @@
 //! coverage alike, and once, at the end, L (1 − coverage) + light. The picture is read and written once, row after row.
 
 use super::kernel::{BLOCK, Clip, Ribbon};
+use crate::audited::prefetch;
 use crate::registers::{self, Look, Plain, Registers, Work, positive};
 use glam::Vec4;
 
@@ -19,6 +20,8 @@ pub(crate) const STRIDE: usize = 140;
 const GROUP: usize = 16;
 /// Pixels of 12 bytes in a line of the cache.
 const PER_LINE: usize = 5;
+/// Rows between the one whose pixels are asked for and the one that is laid over the picture.
+const AHEAD: i32 = 8;
 
 /// Red, green, blue and coverage of a pixel.
 pub(crate) type Cell = [f32; 4];
@@ -247,46 +250,71 @@ impl TileBuffer {
         let clip = self.clip;
         let count = (clip.right - clip.left) as usize;
         let at = |y: i32| (y as usize - under.top) * under.width + clip.left as usize;
+        let [first, end] = std::mem::replace(&mut self.touched, [clip.bottom, clip.top]);
         if under.is_first {
-            for y in clip.top..clip.bottom {
+            for y in (clip.top..first.min(clip.bottom)).chain(end.max(clip.top)..clip.bottom) {
                 under.mask[at(y)..at(y) + count].fill(0.0);
             }
         }
-        let [first, end] = std::mem::replace(&mut self.touched, [clip.bottom, clip.top]);
-        if first >= end {
-            return;
-        }
-        let rows = (first - clip.top) as usize * STRIDE..(end - clip.top) as usize * STRIDE;
-        // Which groups of a row show anything. Their pixels are fetched at once, as memory is fast: row by row each would wait for its first ones.
-        let (mut shown, mut seen) = ([0u32; TILE[1]], 0);
-        for ((row, shown), y) in self.cells[rows.clone()].chunks_exact(STRIDE).zip(&mut shown).zip(first..end)
-        {
-            let pixels = &under.pixels[at(y)..at(y) + count];
-            let groups = row[MARGIN..MARGIN + count].chunks(GROUP).zip(pixels.chunks(GROUP));
-            for (group, (cells, pixels)) in groups.enumerate() {
-                let any = cells.as_flattened().iter().fold(0, |any, value| any | value.to_bits());
-                if any != 0 {
-                    *shown |= 1 << group;
-                    pixels.iter().step_by(PER_LINE).for_each(|pixel| seen |= pixel[0].to_bits());
-                }
+        // Which groups of a row show anything. Their pixels are asked for some rows ahead: row by row each would wait for its own.
+        let mut ahead = [0u32; AHEAD as usize];
+        for y in first..end.max(first) + AHEAD {
+            let shown = std::mem::take(&mut ahead[y.rem_euclid(AHEAD) as usize]);
+            if y < end {
+                let row = (y - clip.top) as usize * STRIDE + MARGIN;
+                let pixels = at(y)..at(y) + count;
+                let own = (&under.pixels[pixels.clone()], &under.mask[pixels]);
+                ahead[y.rem_euclid(AHEAD) as usize] = ask_for(&self.cells[row..row + count], own);
             }
-        }
-        std::hint::black_box(seen);
-        for ((row, shown), y) in self.cells[rows].chunks_exact_mut(STRIDE).zip(shown).zip(first..end) {
-            let pixels = under.pixels[at(y)..at(y) + count].chunks_mut(GROUP);
-            let pixels = pixels.zip(under.mask[at(y)..at(y) + count].chunks_mut(GROUP));
-            let groups = row[MARGIN..MARGIN + count].chunks_mut(GROUP).zip(pixels);
-            for (group, (cells, (pixels, mask))) in groups.enumerate() {
-                if shown >> group & 1 == 1 {
-                    lay_over(registers, cells, pixels, mask);
-                    cells.fill([0.0; 4]);
-                }
+            if (first + AHEAD..end + AHEAD).contains(&y) {
+                let row = (y - AHEAD - clip.top) as usize * STRIDE;
+                let pixels = at(y - AHEAD)..at(y - AHEAD) + count;
+                let own = (&mut under.pixels[pixels.clone()], &mut under.mask[pixels]);
+                uncover_row(registers, (&mut self.cells[row..row + STRIDE], shown), own, under.is_first);
             }
-            // What lines of pixels left beside the tile.
-            row[..MARGIN].fill([0.0; 4]);
-            row[MARGIN + count..].fill([0.0; 4]);
         }
     }
+}
+
+/// Which groups of a row's pixels show anything, a bit each; what is theirs of the picture and the mask is asked for.
+#[inline(always)]
+fn ask_for(cells: &[Cell], (pixels, mask): (&[[f32; 3]], &[f32])) -> u32 {
+    let mut shown = 0;
+    let groups = cells.chunks(GROUP).zip(pixels.chunks(GROUP)).zip(mask.chunks(GROUP));
+    for (group, ((cells, pixels), mask)) in groups.enumerate() {
+        let any = cells.as_flattened().iter().fold(0, |any, value| any | value.to_bits());
+        if any != 0 {
+            shown |= 1 << group;
+            pixels.iter().step_by(PER_LINE).for_each(prefetch);
+            prefetch(&mask[0]);
+        }
+    }
+    shown
+}
+
+/// Lays the groups of a row that are `shown` over the picture's pixels and into the mask, and takes them away.
+#[inline(always)]
+fn uncover_row(
+    registers: impl Registers,
+    (row, shown): (&mut [Cell], u32),
+    (pixels, mask): (&mut [[f32; 3]], &mut [f32]),
+    is_first: bool,
+) {
+    let count = pixels.len();
+    let groups = row[MARGIN..MARGIN + count].chunks_mut(GROUP);
+    let groups = groups.zip(pixels.chunks_mut(GROUP).zip(mask.chunks_mut(GROUP)));
+    for (group, (cells, (pixels, mask))) in groups.enumerate() {
+        if is_first {
+            mask.fill(0.0);
+        }
+        if shown >> group & 1 == 1 {
+            lay_over(registers, cells, pixels, mask);
+            cells.fill([0.0; 4]);
+        }
+    }
+    // What lines of pixels left beside the tile.
+    row[..MARGIN].fill([0.0; 4]);
+    row[MARGIN + count..].fill([0.0; 4]);
 }
 
 /// Lays some of a tile buffer's pixels over the picture's and into the mask.
