@@ -224,3 +224,28 @@ fn patterns_do_not_depend_on_the_number_of_threads() {
     let one = fitted(1);
     assert!(one == fitted(2) && one == fitted(8));
 }
+
+#[test]
+fn no_light_is_fitted_beyond_a_picture_whose_borders_are_dark() {
+    /// Of a pattern's light, what may stand beyond its picture: soft edges near the border. Fits that saw no further than the picture put a third of this one's there.
+    const BEYOND: f64 = 0.01;
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/storm/streaks/drop02.png");
+    let picture = crate::input::picture::read_grey(&file).unwrap();
+    let streak = fitted(&picture, Method::Edges, 6).unwrap();
+    let (mut inside, mut beyond) = (0.0, 0.0);
+    // Half a picture further on every side, by the midpoint rule.
+    let [columns, rows] = [192, 768];
+    for row in 0..rows {
+        for column in 0..columns {
+            let [u, v] =
+                [(column, columns), (row, rows)].map(|(at, of)| (at as f64 + 0.5) / of as f64 * 2.0 - 0.5);
+            let light = streak.pattern.value(u, v).abs();
+            match (0.0..1.0).contains(&u) && (0.0..1.0).contains(&v) {
+                true => inside += light,
+                false => beyond += light,
+            }
+        }
+    }
+    println!("{:.4} of the light stands beyond", beyond / inside);
+    assert!(beyond < BEYOND * inside, "{}", beyond / inside);
+}
