@@ -111,7 +111,7 @@ fn texture(
 
 fn frames_over_a_picture(gpu: &Gpu, frames: u64, size: [u32; 2]) -> Result<(), Box<dyn Error>> {
     let count = u64::from(size[0]) * u64::from(size[1]);
-    let light = |at: u64| if at % 4001 == 0 { 900.0 } else { 0.02 };
+    let light = |at: u64| if at.is_multiple_of(4001) { 900.0 } else { 0.02 };
     let texels = (0..count).flat_map(|at| [light(at), light(at), 0.7 * light(at), 1.0]);
     let picture = texture(gpu, size, (wgpu::TextureFormat::Rgba32Float, 16), texels);
     let depths = (0..count).map(|at| 2.0 + (at % 97) as f32);

@@ -223,7 +223,7 @@ fn sent_on(volume: &LightningVolume, baked: &mut Baked) -> Vec<f32> {
         baked.lightning = Some((volume.origin_m, volume.cell_m, volume.size.map(|nodes| nodes as u32)));
     }
     // Of a key direction whose nodes are not all there nothing is known.
-    let whole = if count > 0 { volume.harmonics.len() / count * count } else { 0 };
+    let whole = volume.harmonics.len().checked_div(count).unwrap_or(0) * count;
     volume.harmonics[..whole].iter().map(|harmonics| harmonics[0]).collect()
 }
 

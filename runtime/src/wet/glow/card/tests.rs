@@ -61,7 +61,7 @@ fn buffer(size: [usize; 2]) -> GBuffer {
     let mut buffer = GBuffer {
         size,
         colour: vec![[0.02, 0.03, 0.05]; count],
-        depth_m: (0..count).map(|at| 0.3 * 1.05f32.powf((at % size[0]) as f32)).collect(),
+        depth_m: (0..count).map(|at| 0.3 * libm::powf(1.05, (at % size[0]) as f32)).collect(),
         normal: vec![[0.0, -1.0, 0.0]; count],
         ..GBuffer::default()
     };
