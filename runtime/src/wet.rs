@@ -22,9 +22,12 @@
 //! | [`glow`] | glow around lights by the atmosphere's point spread |
 //! | [`frame`] | a renderer's buffers, what effects are told of a frame, layers over it |
 //! | [`maps`] | what is baked from a scene's meshes |
+//! | `card` (feature `gpu`) | a frame whose buffers are on a graphics card; effects that draw there are called `card` too |
 //! | [`controls`] | the effects' controls by name, with ranges |
 //! | [`material`] | reflection at a water surface, and what wetting does to albedo and roughness |
 
+#[cfg(feature = "gpu")]
+pub mod card;
 pub mod controls;
 pub mod draw;
 pub mod drip;

@@ -191,6 +191,16 @@ impl InScattering {
         self.map.lookup(direction)
     }
 
+    /// Nodes along a side of the map that [`Self::diffuse`] looks up, on the unfolded octahedron.
+    #[cfg(feature = "gpu")]
+    pub(crate) const MAP_SIDE: usize = Map::STEPS + 1;
+
+    /// Radiance at those nodes, row by row.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn texels(&self) -> &[[f32; 3]] {
+        &self.map.texels
+    }
+
     /// How far drops show their patterns in it, beside lights near by that come to `irradiance` together ([`RainLight::contrast`]).
     pub(crate) fn contrast_beside(&self, irradiance: f64) -> f32 {
         self.contrast_of_beams(&self.beams, irradiance)

@@ -42,7 +42,7 @@ macro_rules! plain {
         }
     };
 }
-pub(super) use plain;
+pub(crate) use plain;
 
 plain! {
     /// `CoverHead` of rain_field.wgsl.

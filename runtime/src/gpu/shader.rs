@@ -91,15 +91,18 @@ const TOWN_MIX: &str = bare!("town_mix.wgsl");
 /// The cloud's grid, in group 1.
 const CLOUD: &str = bare!("cloud.wgsl");
 
+/// Light on drops over a frame of the caller's, in group 2.
+const DROP_LIGHT: &str = bare!("../wet/drop/light.wgsl");
+
 /// The sky, in group 0.
 const SKY: &str = bare!("sky.wgsl");
 /// The march, with the cloud's volumes in groups 1 and 2.
 const VOLUME: &str = bare!("volume.wgsl");
 
 macro_rules! shaders {
-    ($($(#[$doc:meta])* $constant:ident = $name:literal [$($part:expr),*];)*) => {
+    ($($(#[$doc:meta])* $constant:ident = $name:literal $(in $folder:literal)? [$($part:expr),*];)*) => {
         $($(#[$doc])* pub(crate) const $constant: Shader =
-            Shader { name: $name, parts: &[$($part,)* bare!(concat!($name, ".wgsl"))] };)*
+            Shader { name: $name, parts: &[$($part,)* bare!(concat!($($folder,)? $name, ".wgsl"))] };)*
 
         /// Every shader.
         pub(crate) const ALL: &[&Shader] = &[$(&$constant),*];
@@ -158,6 +161,16 @@ shaders! {
     AROUND = "around" [COMMON];
     /// The town before the sky.
     COMPOSE = "compose" [COMMON, SKY];
+    /// A step of water's lattice.
+    RIPPLES = "wet/ripples/step" in "../" [];
+    /// What drops show, by their normal.
+    DROP_TABLES = "wet/drop/tables" in "../" [COMMON, DROP_LIGHT];
+    /// Layers of rain over a picture.
+    LAYERS = "wet/layers/sheet" in "../" [COMMON, DROP_LIGHT];
+    /// Drops on a pane.
+    GLASS = "wet/glass/flow" in "../" [COMMON];
+    /// Glow around lights, and mist.
+    GLOW = "wet/glow/spread" in "../" [];
 }
 
 #[cfg(test)]

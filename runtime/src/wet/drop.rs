@@ -2,6 +2,8 @@
 //! controls. \[toyshop\] §3.1 and §3.2.
 
 mod ball;
+#[cfg(feature = "gpu")]
+pub(crate) mod card;
 pub(crate) mod eye;
 mod fall;
 pub(crate) mod light;
@@ -21,6 +23,8 @@ pub use stamp::{flatness, swing_rate};
 
 use crate::error::RuntimeError;
 use crate::wet::frame::WetFrame;
+use crate::wet::ripples::DropFlux;
+use glam::DVec3;
 
 /// Most drops of one class that come down on a square metre in a second; a cloudburst's drops of all sizes are a few 10⁴.
 const FLUX_MOST: f64 = 2e5;
@@ -36,6 +40,21 @@ const TIME_MOST: f64 = 1e9;
 pub(crate) fn check(frame: &WetFrame<'_>) -> Result<(), RuntimeError> {
     frame.camera.check()?;
     frame.check()?;
+    check_weather(&frame.weather(), frame.lightning)
+}
+
+/// What falls, and when.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Weather<'a> {
+    pub flux: &'a [DropFlux],
+    pub rate_mm_per_h: f64,
+    pub wind: DVec3,
+    pub time_s: f64,
+    pub seed: u64,
+}
+
+/// Refuses wind, time, rain and lightning that are not numbers or outside what they do.
+pub(crate) fn check_weather(frame: &Weather<'_>, lightning: [f32; 2]) -> Result<(), RuntimeError> {
     if !(0.0..=WIND_MOST).contains(&frame.wind.length()) {
         return Err(RuntimeError::argument("wind", format!("up to {WIND_MOST} m/s"), frame.wind));
     }
@@ -64,8 +83,8 @@ pub(crate) fn check(frame: &WetFrame<'_>) -> Result<(), RuntimeError> {
             }
         }
     }
-    if frame.lightning.iter().any(|value| !value.is_finite()) {
-        let found = format!("{:?}", frame.lightning);
+    if lightning.iter().any(|value| !value.is_finite()) {
+        let found = format!("{lightning:?}");
         return Err(RuntimeError::argument("lightning", "finite intensities", found));
     }
     Ok(())

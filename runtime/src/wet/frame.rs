@@ -2,6 +2,7 @@
 
 use crate::camera::Camera;
 use crate::error::RuntimeError;
+use crate::wet::drop::Weather;
 use crate::wet::maps::WetMaps;
 use crate::wet::ripples::DropFlux;
 use crate::world::WorldLight;
@@ -111,7 +112,13 @@ pub struct WetFrame<'a> {
     pub lightning: [f32; 2],
 }
 
-impl WetFrame<'_> {
+impl<'a> WetFrame<'a> {
+    /// What falls in it, and when.
+    pub(crate) const fn weather(&self) -> Weather<'a> {
+        let &Self { flux, rate_mm_per_h, wind, time_s, seed, .. } = self;
+        Weather { flux, rate_mm_per_h, wind, time_s, seed }
+    }
+
     /// Checks that every buffer, and the light that stands for the buffers' own, has the camera's size.
     ///
     /// Errors: one of another length, by name.

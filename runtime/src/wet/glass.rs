@@ -15,6 +15,8 @@
 //! and direction. On the way it leaves the film that a plate drawn out of water keeps, .94 ℓ (ηv/σ)^⅔ thick (\[landau-levich\]), times a
 //! wetting of the glass. Cells that meet become one drop, momentum kept.
 
+#[cfg(feature = "gpu")]
+pub mod card;
 mod cast;
 mod cells;
 mod flow;
@@ -195,24 +197,8 @@ impl Glass {
     ///
     /// The cell is not on the pane, or the diameter not above 0 and at most 8 mm.
     pub fn wet(&mut self, cell: [usize; 2], diameter_m: f64) -> Result<(), RuntimeError> {
-        let [width, height] = self.settings.cells;
-        if cell[0] >= width || cell[1] >= height {
-            return Err(RuntimeError::argument(
-                "cell",
-                format!("below {width}, {height}"),
-                format!("{cell:?}"),
-            ));
-        }
-        if !(diameter_m > 0.0 && diameter_m <= DIAMETER_MOST) {
-            return Err(RuntimeError::argument(
-                "diameter_m",
-                format!("above 0, at most {DIAMETER_MOST}"),
-                diameter_m,
-            ));
-        }
-        let cube = diameter_m * diameter_m * diameter_m;
-        let mass = libm::round(std::f64::consts::PI / 6.0 * cube * NANOGRAMS_PER_M3) as u32;
-        self.land(cell[1] * width + cell[0], mass);
+        let (cell, mass) = landing(&self.settings, cell, diameter_m)?;
+        self.land(cell, mass);
         Ok(())
     }
 
@@ -227,28 +213,12 @@ impl Glass {
         impacts_per_m2_s: f64,
         seconds: f64,
     ) -> Result<u32, RuntimeError> {
-        let [width, height] = self.settings.cells;
-        let spacing = self.settings.spacing_m;
-        let expected = impacts_per_m2_s * seconds * (width * height) as f64 * spacing * spacing;
-        if !(impacts_per_m2_s >= 0.0 && seconds >= 0.0 && expected <= 1e6) {
-            return Err(RuntimeError::argument(
-                "impacts_per_m2_s",
-                "a flux of at most a million drops in the time",
-                impacts_per_m2_s,
-            ));
+        let rain = (diameter_m, impacts_per_m2_s, seconds);
+        let landings = arrivals(&self.settings, &mut self.arrivals, rain)?;
+        for &(cell, mass) in &landings {
+            self.land(cell, mass);
         }
-        let mut random = Random::from_parts(&[self.settings.seed, 1, self.arrivals]);
-        self.arrivals += 1;
-        let (mut gone, mut count) = (0.0, 0);
-        loop {
-            gone -= libm::log(1.0 - random.unit());
-            if gone >= expected {
-                return Ok(count);
-            }
-            let cell = [random.below(width as u64) as usize, random.below(height as u64) as usize];
-            self.wet(cell, diameter_m)?;
-            count += 1;
-        }
+        Ok(landings.len() as u32)
     }
 
     /// Water of the pane, ng.
@@ -317,9 +287,12 @@ impl Glass {
 
     /// The speed that half a gram comes to where friction is least, m/s.
     fn speed_most(&self) -> f64 {
-        let slipperiest =
-            self.cells.friction.iter().fold(f32::INFINITY, |least, &friction| least.min(friction));
-        flow::last_speed(&self.settings, FLOW_MOST, f64::from(slipperiest))
+        flow::last_speed(&self.settings, FLOW_MOST, self.slipperiest())
+    }
+
+    /// The least friction of a cell.
+    fn slipperiest(&self) -> f64 {
+        f64::from(self.cells.friction.iter().fold(f32::INFINITY, |least, &friction| least.min(friction)))
     }
 
     /// A cell takes water in; what it can't hold runs off at once.
@@ -334,6 +307,62 @@ impl Glass {
         if taken > 0 {
             self.cells.speed[cell] *= (f64::from(here) / (f64::from(here) + f64::from(taken))) as f32;
         }
+    }
+}
+
+/// The number of a cell and a drop's mass, ng.
+///
+/// Errors: as [`Glass::wet`].
+fn landing(
+    settings: &GlassSettings,
+    cell: [usize; 2],
+    diameter_m: f64,
+) -> Result<(usize, u32), RuntimeError> {
+    let [width, height] = settings.cells;
+    if cell[0] >= width || cell[1] >= height {
+        return Err(RuntimeError::argument("cell", format!("below {width}, {height}"), format!("{cell:?}")));
+    }
+    if !(diameter_m > 0.0 && diameter_m <= DIAMETER_MOST) {
+        return Err(RuntimeError::argument(
+            "diameter_m",
+            format!("above 0, at most {DIAMETER_MOST}"),
+            diameter_m,
+        ));
+    }
+    let cube = diameter_m * diameter_m * diameter_m;
+    let mass = libm::round(std::f64::consts::PI / 6.0 * cube * NANOGRAMS_PER_M3) as u32;
+    Ok((cell[1] * width + cell[0], mass))
+}
+
+/// Drops of a diameter, m, at a flux, 1/(m² s), over so many seconds: their cells and masses, ng. `calls` counts the calls of a pane, each of which has a
+/// stream of its own.
+///
+/// Errors: as [`Glass::rain`].
+fn arrivals(
+    settings: &GlassSettings,
+    calls: &mut u64,
+    (diameter_m, impacts_per_m2_s, seconds): (f64, f64, f64),
+) -> Result<Vec<(usize, u32)>, RuntimeError> {
+    let [width, height] = settings.cells;
+    let spacing = settings.spacing_m;
+    let expected = impacts_per_m2_s * seconds * (width * height) as f64 * spacing * spacing;
+    if !(impacts_per_m2_s >= 0.0 && seconds >= 0.0 && expected <= 1e6) {
+        return Err(RuntimeError::argument(
+            "impacts_per_m2_s",
+            "a flux of at most a million drops in the time",
+            impacts_per_m2_s,
+        ));
+    }
+    let mut random = Random::from_parts(&[settings.seed, 1, *calls]);
+    *calls += 1;
+    let (mut gone, mut landings) = (0.0, Vec::new());
+    loop {
+        gone -= libm::log(1.0 - random.unit());
+        if gone >= expected {
+            return Ok(landings);
+        }
+        let cell = [random.below(width as u64) as usize, random.below(height as u64) as usize];
+        landings.push(landing(settings, cell, diameter_m)?);
     }
 }
 

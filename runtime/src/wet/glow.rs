@@ -15,6 +15,9 @@
 //! | β | extinction of rain and mist | 1/m |
 //! | T | optical depth from the eye | – |
 
+#[cfg(feature = "gpu")]
+pub mod card;
+
 use crate::airlight::{Airlight, PointBeside};
 use crate::error::RuntimeError;
 use crate::medium::{Medium, Phase};
@@ -162,14 +165,7 @@ impl Glow {
         let [width, height] = out.size;
         // The world's scattered light is smooth: looked up at nodes, and between them told by those.
         let across = width.div_ceil(NODES_PX) + 1;
-        let nodes: Vec<Vec3> = (0..across * (height.div_ceil(NODES_PX) + 1))
-            .map(|node| {
-                let corner = [node % across, node / across].map(|at| (at * NODES_PX) as f32);
-                let ray = if view.is_parallel() { Vec3::Z } else { view.ray(corner) };
-                let light = world.1.radiance(view.to_world(ray.normalize_or(Vec3::Z)).as_dvec3());
-                Vec3::from_array(light).max(Vec3::ZERO)
-            })
-            .collect();
+        let nodes = nodes_of_mist(&view, &world.1, [across, height.div_ceil(NODES_PX) + 1]);
         let rows = out.light.par_chunks_mut(width).zip(out.alpha.par_chunks_mut(width)).enumerate();
         rows.for_each(|(y, (light, alpha))| {
             let part = |at: usize| ((at % NODES_PX) as f32 + 0.5) / NODES_PX as f32;
@@ -226,6 +222,17 @@ impl Glow {
         }
         Ok(spread)
     }
+}
+
+/// The world's light that mist scatters towards the eye at so many nodes across and down.
+fn nodes_of_mist(view: &View, world: &InScattering, [across, down]: [usize; 2]) -> Vec<Vec3> {
+    let node = |node: usize| {
+        let corner = [node % across, node / across].map(|at| (at * NODES_PX) as f32);
+        let ray = if view.is_parallel() { Vec3::Z } else { view.ray(corner) };
+        let light = world.radiance(view.to_world(ray.normalize_or(Vec3::Z)).as_dvec3());
+        Vec3::from_array(light).max(Vec3::ZERO)
+    };
+    (0..across * down).map(node).collect()
 }
 
 /// Light above the threshold of two by two pixels, in the mean, and the depth of the brightest.

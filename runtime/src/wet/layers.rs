@@ -11,12 +11,15 @@
 //!
 //! How many drops a layer has follows the flux: as many as the air holds between the layer's two depths.
 
+#[cfg(feature = "gpu")]
+pub mod card;
+
 use crate::error::RuntimeError;
 use crate::random::{Random, mix};
 use crate::wet::controls::controls;
 use crate::wet::drop::eye::{Eye, Spot};
 use crate::wet::drop::light::{DropLight, LightControls, LightMemory};
-use crate::wet::drop::{self, Opacity, glint, lightning_bias, milky};
+use crate::wet::drop::{self, Opacity, Weather, glint, lightning_bias, milky};
 use crate::wet::frame::{Layer, WetFrame};
 use crate::wet::material::{WATER_INDEX, fresnel};
 use glam::{DVec2, DVec3, Vec2};
@@ -152,7 +155,7 @@ impl Layers {
         out.clear(frame.buffer.size);
         let mut report = LayerReport::default();
         let eye = Eye::new(frame.camera);
-        let Some((along, sheets)) = sheets(frame, &eye, controls) else { return Ok(report) };
+        let Some((along, sheets)) = sheets(&frame.weather(), &eye, controls) else { return Ok(report) };
         let mut light = std::mem::take(&mut self.light);
         let lights = LightControls {
             flash: controls.flash,
@@ -224,7 +227,9 @@ impl Layers {
                 }
                 let block = y / BLOCK * eye.size[0].div_ceil(BLOCK) + x / BLOCK;
                 let beams = *known[block].get_or_insert_with(|| {
-                    let offset = eye.at(x as f32, y as f32, sheet.depth);
+                    // At its middle, whichever of its drops is met first.
+                    let middle = [x, y].map(|at| (at / BLOCK * BLOCK + BLOCK / 2) as f32);
+                    let offset = eye.at(middle[0], middle[1], sheet.depth);
                     let place: DVec3 = eye.position + offset.as_dvec3();
                     let (beams, from) = light.beams_from(place, eye.towards(offset));
                     (beams * controls.back_light, from)
@@ -283,7 +288,7 @@ impl Sheet {
 }
 
 /// The rain's direction in the picture, and its layers, the nearest first; `None` where no rain is.
-fn sheets(frame: &WetFrame<'_>, eye: &Eye, controls: &LayerControls) -> Option<(Vec2, Vec<Sheet>)> {
+fn sheets(frame: &Weather<'_>, eye: &Eye, controls: &LayerControls) -> Option<(Vec2, Vec<Sheet>)> {
     let large = || frame.flux.iter().filter(|drop| drop.diameter_m >= LEAST_M && drop.speed_m_per_s > 0.1);
     let number: f64 = large().map(|drop| drop.impacts_per_m2_s / drop.speed_m_per_s).sum();
     let flux: f64 = large().map(|drop| drop.impacts_per_m2_s).sum();

@@ -12,15 +12,18 @@
 //! points' Laplacian and 16/3 for the nine points', which also spreads rounder. What the paper calls explicit Euler takes L z⁻ in place
 //! of L z: stable where γ ≥ μC² alone, so never without damping ([`Scheme::Paper`]).
 
+#[cfg(feature = "gpu")]
+pub mod card;
 mod impact;
 mod step;
+mod stretch;
 
 pub use impact::{DropFlux, Impact};
 
 use super::slopes::{sobel, sobel_row};
 use crate::error::RuntimeError;
-use crate::random::Random;
 use step::Kernel;
+use stretch::{Stretch, longest_step};
 
 /// Cells of a lattice along an axis at most.
 pub const CELLS_MAX: usize = 8192;
@@ -185,51 +188,20 @@ impl Ripples {
         rain: &[DropFlux],
         seed: u64,
     ) -> Result<RippleReport, RuntimeError> {
-        let longest = self.longest_step_s();
-        let most = longest * f64::from(STEPS_MAX);
-        if !(0.0..=most).contains(&seconds) {
-            return Err(RuntimeError::argument(
-                "seconds",
-                format!("0 to {most:.3} ({STEPS_MAX} steps)"),
-                seconds,
-            ));
-        }
-        let area = self.area_m2();
-        let mut expected = 0.0;
-        for flux in rain {
-            expected += flux.check(area, seconds + self.owed_s)?;
-        }
-        if expected > f64::from(IMPACTS_MAX) {
-            return Err(RuntimeError::argument(
-                "rain",
-                format!("{IMPACTS_MAX} impacts in this call, all sizes together"),
-                expected,
-            ));
-        }
-        let seconds = seconds + self.owed_s;
-        // A step much shorter than the one before would lose the surface's motion to round-off.
-        if seconds < SHORTEST_SHARE * longest {
-            self.owed_s = seconds;
+        let clock = (self.time_s, &mut self.owed_s);
+        let Some(stretch) = Stretch::new(&self.settings, clock, seconds, (rain, seed))? else {
             return Ok(RippleReport::default());
-        }
-        self.owed_s = 0.0;
-        let steps = libm::ceil(seconds / longest) as u32;
-        let begin = self.time_s;
-        let arrivals = self.arrivals(begin..begin + seconds, rain, seed);
-        let mut coming = arrivals.iter().peekable();
-        for step in 0..steps {
-            let until = if step + 1 == steps {
-                begin + seconds
-            } else {
-                begin + seconds * f64::from(step + 1) / f64::from(steps)
-            };
+        };
+        let mut coming = stretch.arrivals.iter().peekable();
+        for step in 0..stretch.steps {
+            let until = stretch.end_of(step);
             while let Some((_, impact)) = coming.next_if(|(time, _)| *time < until) {
                 self.strike(impact);
             }
             self.step(until - self.time_s);
             self.time_s = until;
         }
-        Ok(RippleReport { steps, impacts: arrivals.len() as u32 })
+        Ok(stretch.report())
     }
 
     /// One drop strikes now.
@@ -241,19 +213,11 @@ impl Ripples {
     /// A body of radius `radius_m` that displaces the water by `draught_m` has moved from one place to another since the last call: water is raised
     /// where it came to and sinks where it left; none is made or lost. Its wake follows.
     pub fn push(&mut self, from_m: [f32; 2], to_m: [f32; 2], radius_m: f32, draught_m: f32) {
-        if ![from_m[0], from_m[1], to_m[0], to_m[1], radius_m, draught_m]
-            .iter()
-            .all(|value| value.is_finite())
+        for (mark, sum) in
+            step::moved(&self.settings, [from_m, to_m], radius_m, draught_m).into_iter().flatten()
         {
-            return;
+            mark.shift(&self.settings, &mut self.now, sum);
         }
-        let bump =
-            |at_m| Kernel::bump(&Impact { at_m, radius_m, depth_m: draught_m }, self.settings.spacing_m);
-        let (came, left) = (bump(to_m), bump(from_m));
-        // As much as both marks can hold: at a wall, or beyond it, one of them is cut.
-        let amount = came.holds(&self.settings).min(left.holds(&self.settings));
-        came.shift(&self.settings, &mut self.now, amount);
-        left.shift(&self.settings, &mut self.now, -amount);
     }
 
     /// Height at a cell, m.
@@ -326,40 +290,6 @@ impl Ripples {
         (y + 1) * (self.settings.cells[0] + 2) + x + 1
     }
 
-    fn area_m2(&self) -> f64 {
-        let spacing = f64::from(self.settings.spacing_m);
-        (self.settings.cells[0] * self.settings.cells[1]) as f64 * spacing * spacing
-    }
-
-    /// Impacts of a stretch of time, in order. Arrivals of a Poisson process have exponential gaps; each flux and slot has a stream of its own.
-    fn arrivals(&self, span: std::ops::Range<f64>, rain: &[DropFlux], seed: u64) -> Vec<(f64, Impact)> {
-        let area = self.area_m2();
-        let sides = [0, 1].map(|axis| self.settings.cells[axis] as f32 * self.settings.spacing_m);
-        let mut arrivals = Vec::new();
-        for (class, flux) in rain.iter().enumerate() {
-            let rate = flux.impacts_per_m2_s * area;
-            if rate <= 0.0 {
-                continue;
-            }
-            for slot in (span.start / SLOT_S) as u64..=(span.end / SLOT_S) as u64 {
-                let mut random = Random::from_parts(&[seed, class as u64, slot]);
-                let (mut time, end) = (slot as f64 * SLOT_S, (slot + 1) as f64 * SLOT_S);
-                loop {
-                    time -= libm::log(1.0 - random.unit()) / rate;
-                    if time >= end {
-                        break;
-                    }
-                    let at_m = sides.map(|side| random.unit() as f32 * side);
-                    if span.contains(&time) {
-                        arrivals.push((time, flux.impact(at_m, &self.settings)));
-                    }
-                }
-            }
-        }
-        arrivals.sort_by(|a, b| a.0.total_cmp(&b.0));
-        arrivals
-    }
-
     fn step(&mut self, seconds: f64) {
         let ratio = seconds / self.step_s;
         if (ratio - 1.0).abs() > 1e-9 {
@@ -406,15 +336,6 @@ fn check(settings: &RippleSettings) -> Result<(), RuntimeError> {
         return Err(RuntimeError::argument("ring_share", "0 to 1", settings.ring_share));
     }
     Ok(())
-}
-
-/// The bound of C² falls with γ, and γ grows with the step: γ of the undamped bound's step is an upper one.
-fn longest_step(settings: &RippleSettings) -> f64 {
-    let eigenvalue = if settings.scheme == Scheme::Nine { 16.0 / 3.0 } else { 8.0 };
-    let crossing = f64::from(settings.spacing_m) / f64::from(settings.speed_m_per_s);
-    let longest = |gamma: f64| libm::sqrt(2.0 * (2.0 - gamma) / eigenvalue) * crossing;
-    let gamma = step::damping(settings, longest(0.0));
-    COURANT_SHARE * longest(gamma)
 }
 
 /// A number that stands for a surface's heights, bit by bit.

@@ -47,6 +47,18 @@ impl Eye {
         }
     }
 
+    /// Whether rays meet in the eye.
+    #[cfg(feature = "gpu")]
+    pub fn is_perspective(&self) -> bool {
+        self.perspective
+    }
+
+    /// Where the axis meets the picture, px.
+    #[cfg(feature = "gpu")]
+    pub fn centre(&self) -> Vec2 {
+        self.centre
+    }
+
     /// A place as seen from the camera's own.
     pub fn offset(&self, place: DVec3) -> Vec3 {
         (place - self.position).as_vec3()

@@ -16,7 +16,7 @@ const BLOCK: usize = 8;
 /// Asymmetry of a drop's scattering at the efficiency of its disc, diffraction left out.
 const DROP_ASYMMETRY: f64 = 0.77;
 /// Asymmetry that leaves the world's radiance nearly sharp.
-const MIRROR_ASYMMETRY: f64 = 0.98;
+pub(super) const MIRROR_ASYMMETRY: f64 = 0.98;
 /// Share of the picture at its edges over which what drops see of it gives way to the world's light.
 const MARGIN: f32 = 0.06;
 
@@ -242,7 +242,7 @@ fn lamp_lean(loss: f32, height: f32, beyond: f32) -> f32 {
 
 /// Farthest lamp, over its height, and how far uphill and downhill the light map is asked, m.
 const FARTHEST_LAMP: f32 = 2.5;
-const UPHILL_M: f64 = 0.4;
+pub(super) const UPHILL_M: f64 = 0.4;
 
 /// Share a steradian of light from `towards` that water sends to an eye that looks along `direction`.
 fn scattered(direction: Vec3, towards: Vec3) -> f32 {

@@ -176,3 +176,9 @@ impl Glass {
         self.cells.mass[to] = here + moved;
     }
 }
+
+/// Properties of water, as a shader has to have them.
+#[cfg(all(test, feature = "gpu"))]
+pub fn water() -> [(&'static str, f64); 3] {
+    [("TENSION", TENSION), ("VISCOSITY", VISCOSITY), ("CAPILLARY_LENGTH", CAPILLARY_LENGTH)]
+}

@@ -54,7 +54,8 @@ fn a_picture_of_rain_is_like_itself_nowhere_else() {
 fn rain_falls_by_the_time_that_has_gone_and_near_layers_faster() {
     let stage = stage();
     let eye = Eye::new(&stage.camera);
-    let sheets_at = |time: f64| sheets(&stage.frame(time), &eye, &LayerControls::default()).unwrap().1;
+    let sheets_at =
+        |time: f64| sheets(&stage.frame(time).weather(), &eye, &LayerControls::default()).unwrap().1;
     let (now, later) = (sheets_at(100.0), sheets_at(100.001));
     let gone = |k: usize| {
         let texels = |sheet: &Sheet| sheet.fallen.0 as f32 + sheet.fallen.1;

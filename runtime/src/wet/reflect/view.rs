@@ -39,6 +39,12 @@ impl View {
         self.focal
     }
 
+    /// The axis's place in the picture, px.
+    #[cfg(feature = "gpu")]
+    pub fn middle(&self) -> Vec2 {
+        self.middle
+    }
+
     /// Place of depth `z`, m, in the middle of a pixel, from the eye, in the camera's axes.
     #[inline]
     pub fn place(&self, x: usize, y: usize, z: f32) -> Vec3 {

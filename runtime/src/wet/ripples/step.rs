@@ -120,14 +120,21 @@ fn nine(keep: f32, sixth: f32, [up, middle, down]: [&[f32]; 3], out: &mut [f32])
     }
 }
 
+/// Cells along an axis that a mark may reach.
+pub fn span(middle: f32, radius: f32) -> std::ops::RangeInclusive<i64> {
+    libm::ceilf(middle - radius) as i64..=libm::floorf(middle + radius) as i64
+}
+
 /// A round mark on the lattice: `height` times a profile of s = (distance/radius)².
 pub struct Kernel {
-    middle: [f32; 2],
+    /// In cells, from the first cell's middle.
+    pub middle: [f32; 2],
     /// In cells.
-    radius: f32,
-    height: f32,
+    pub radius: f32,
+    /// Of the profile's middle, m.
+    pub height: f32,
     /// The profile is (1 − s)²(1 − `rim` s); with 4 its integral over the disc is 0.
-    rim: f32,
+    pub rim: f32,
 }
 
 impl Kernel {
@@ -168,10 +175,7 @@ impl Kernel {
     }
 
     fn cells(&self) -> impl Iterator<Item = (i64, i64)> + use<> {
-        let span = |middle: f32, radius: f32| {
-            libm::ceilf(middle - radius) as i64..=libm::floorf(middle + radius) as i64
-        };
-        let (across, down) = (span(self.middle[0], self.radius), span(self.middle[1], self.radius));
+        let [across, down] = self.middle.map(|middle| span(middle, self.radius));
         down.flat_map(move |y| across.clone().map(move |x| (x, y)))
     }
 
@@ -193,10 +197,21 @@ impl Kernel {
         })
     }
 
+    /// What of the weight is taken from a ring's profile, so that its sum over the lattice's cells is 0.
+    pub fn mend(&self, settings: &RippleSettings) -> f32 {
+        let [sum, weights] = self.sums(settings);
+        if self.rim > 0.0 && weights > 0.0 { (sum / weights) as f32 } else { 0.0 }
+    }
+
+    /// The profile's height at which the mark's sum is `sum`; `None` where it meets no cell.
+    pub fn scale(&self, settings: &RippleSettings, sum: f64) -> Option<f32> {
+        let [own, _] = self.sums(settings);
+        (own > 0.0).then(|| (sum / own) as f32)
+    }
+
     /// Adds the mark to each of `fields`; a ring's sum is 0 but for round-off.
     pub fn add(&self, settings: &RippleSettings, fields: &mut [&mut Vec<f32>]) {
-        let [sum, weights] = self.sums(settings);
-        let mend = if self.rim > 0.0 && weights > 0.0 { (sum / weights) as f32 } else { 0.0 };
+        let mend = self.mend(settings);
         for (x, y) in self.cells() {
             let Some(place) = Self::place(settings, x, y) else { continue };
             let [profile, weight] = self.profile(x, y);
@@ -214,15 +229,28 @@ impl Kernel {
 
     /// Adds `sum` in the mark's shape; nothing where it meets no cell.
     pub fn shift(&self, settings: &RippleSettings, field: &mut [f32], sum: f64) {
-        let [own, _] = self.sums(settings);
-        if own <= 0.0 {
-            return;
-        }
-        let scale = (sum / own) as f32;
+        let Some(scale) = self.scale(settings, sum) else { return };
         for (x, y) in self.cells() {
             if let Some(place) = Self::place(settings, x, y) {
                 field[place] += scale * self.profile(x, y)[0];
             }
         }
     }
+}
+
+/// The marks of a body that moved, where it came to and where it left, each with its sum; `None` where a number is none.
+pub fn moved(
+    settings: &RippleSettings,
+    [from_m, to_m]: [[f32; 2]; 2],
+    radius_m: f32,
+    draught_m: f32,
+) -> Option<[(Kernel, f64); 2]> {
+    if ![from_m[0], from_m[1], to_m[0], to_m[1], radius_m, draught_m].iter().all(|value| value.is_finite()) {
+        return None;
+    }
+    let bump = |at_m| Kernel::bump(&Impact { at_m, radius_m, depth_m: draught_m }, settings.spacing_m);
+    let (came, left) = (bump(to_m), bump(from_m));
+    // As much as both marks can hold: at a wall, or beyond it, one of them is cut.
+    let amount = came.holds(settings).min(left.holds(settings));
+    Some([(came, amount), (left, -amount)])
 }

@@ -178,7 +178,7 @@ fn drops_and_bodies_bring_no_water() {
         water.push([0.0, 0.2], [0.05, 0.2], 0.05, 0.01);
         water.push([0.05, 0.2], [0.1, 0.2], 0.05, 0.01);
         water.advance(0.5, &[], 3).unwrap();
-        let moved = libm::sqrt(water.mean_square_m2()) * water.area_m2();
+        let moved = libm::sqrt(water.mean_square_m2()) * stretch::area_m2(water.settings());
         assert!(moved > 0.0);
         assert!(water.volume_m3().abs() < ROUND_OFF * moved, "{} of {moved}", water.volume_m3());
     }
@@ -217,7 +217,7 @@ fn as_many_drops_strike_as_the_flux_says() {
         DropFlux { diameter_m: 1e-3, speed_m_per_s: 4.0, impacts_per_m2_s: 30_000.0 },
         DropFlux { diameter_m: 3e-3, speed_m_per_s: 8.0, impacts_per_m2_s: 10_000.0 },
     ];
-    let expected = 40_000.0 * water.area_m2() * 10.0;
+    let expected = 40_000.0 * stretch::area_m2(water.settings()) * 10.0;
     let count = f64::from(water.advance(10.0, &rain, 11).unwrap().impacts);
     // Four standard deviations of a Poisson number.
     assert!((count - expected).abs() < 4.0 * libm::sqrt(expected), "{count} for {expected}");
