@@ -1,0 +1,224 @@
+//! The sun in a frame's rain: dimmed by the rain and the cloud between it and every drop, and by nothing else, wherever the eye stands.
+//!
+//! A ray shows L = E ∫ [p(θ) D + M(τ_s, θ)] e^−τ dτ of the sun, D = C e^−τ_s what comes straight to a place and M what comes there scattered
+//! ([`crate::medium::Phase::values_again`]), τ_s the rain between the place and the sun, C the cloud ([`super::cloud_shade`]). Of all that
+//! a ray of transmittance F scatters, 1 − F, both have a mean along the ray: L = E (1 − F) [p(θ) a + b], 0 ≤ a ≤ 1. Means change slowly from
+//! pixel to pixel and with the distance at which a ray ends; they are tabulated over the picture and over distances, once a frame, and p and
+//! F are each pixel's own. Where nothing dims the sun a is 1 and b is 0: eq. 12 of \[weber\].
+//!
+//! | symbol | quantity | unit |
+//! |---|---|---|
+//! | E | irradiance of the sun above rain and storm | W/m² |
+//! | τ, F | optical depth along the ray; transmittance of all of it | – |
+//! | a, b | mean shares of light that comes straight, and scattered | –, 1/sr |
+
+use super::cloud_shade::CloudShade;
+use crate::camera::{Camera, Ray};
+use crate::medium::Phase;
+use crate::parallel::prelude::*;
+use crate::picture::Picture;
+use crate::rain::{RainField, RainPath};
+use crate::world::Sun;
+use glam::{DVec2, DVec3, Vec2};
+
+/// Nodes across a picture, and at least and at most down it.
+const ACROSS: usize = 33;
+const DOWN: [usize; 2] = [9, 33];
+/// Distances: the first, and the step of ln(1 + t/first) to the next; the last is 40 km away.
+pub(crate) const DISTANCES: usize = 20;
+pub(crate) const FIRST_M: f64 = 40.0;
+pub(crate) const STEP: f64 = 0.3637;
+/// Pieces between two distances, and where the cloud's shadow falls.
+const PIECES: [u32; 2] = [2, 6];
+/// Transmittance behind which nothing is looked for.
+const GONE: f64 = 1e-5;
+
+/// The sun, and what stands between it and the rain.
+pub struct RainSun<'a> {
+    /// Where it rains.
+    pub field: RainField<'a>,
+    /// Extinction of all of the rain, 1/m.
+    pub extinction: f64,
+    /// How the rain spreads light.
+    pub phase: &'a Phase,
+    /// The sun above it.
+    pub sun: Sun,
+    /// The cloud before the sun.
+    pub shade: Option<&'a CloudShade>,
+}
+
+impl RainSun<'_> {
+    /// What comes to a place straight, and what comes there scattered and is sent on to the eye, 1/sr.
+    fn at(&self, place: DVec3, cosine: f64) -> DVec2 {
+        let depth = depth_to_sun(&self.field, self.extinction, (place, self.sun));
+        let open = self.shade.map_or(1.0, |shade| f64::from(shade.left(place)));
+        if open == 0.0 {
+            return DVec2::ZERO;
+        }
+        open * DVec2::new(libm::exp(-depth), self.phase.values_again(depth, cosine))
+    }
+
+    /// The means of a ray up to each distance.
+    fn along(&self, ray: &Ray, out: &mut [Vec2; DISTANCES]) {
+        let cosine = ray.direction.dot(self.sun.towards.as_dvec3());
+        let at = |t: f64| self.at(ray.origin + ray.direction * t, cosine);
+        let pieces = PIECES[usize::from(self.shade.is_some())];
+        let farthest = RainPath::farthest(&self.field);
+        let (mut left, mut sum) = (1.0, DVec2::ZERO);
+        let (mut here, mut begin) = (0.0, at(0.0));
+        out[0] = begin.as_vec2();
+        for k in 1..DISTANCES {
+            let [first, last] = [k - 1, k].map(distance);
+            for piece in 1..=pieces {
+                let next = first + (last - first) * f64::from(piece) / f64::from(pieces);
+                if left <= GONE || here >= farthest {
+                    break;
+                }
+                let end = at(next);
+                let depth = self.extinction * self.field.path(ray, here, next);
+                // Between the piece's ends D and M count as linear in the depth.
+                let gone = -libm::expm1(-depth);
+                let later =
+                    if depth > 1e-4 { (gone - depth * libm::exp(-depth)) / depth } else { 0.5 * depth };
+                sum += left * ((gone - later) * begin + later * end);
+                left *= libm::exp(-depth);
+                (here, begin) = (next, end);
+            }
+            let whole = 1.0 - left;
+            out[k] = if whole > 1e-9 { (sum / whole).as_vec2() } else { begin.as_vec2() };
+        }
+    }
+}
+
+/// Optical depth of the rain between a place and the sun.
+pub fn depth_to_sun(field: &RainField<'_>, extinction: f64, (place, sun): (DVec3, Sun)) -> f64 {
+    if extinction == 0.0 {
+        return 0.0;
+    }
+    let ray = Ray { origin: place, direction: sun.towards.as_dvec3() };
+    extinction * field.path(&ray, 0.0, f64::INFINITY)
+}
+
+/// The k-th distance, m.
+fn distance(k: usize) -> f64 {
+    FIRST_M * libm::expm1(STEP * k as f64)
+}
+
+/// Means over a picture and over distances.
+pub struct SunTable {
+    /// Nodes across and down; pixels between them.
+    pub counts: [usize; 2],
+    step: [f64; 2],
+    /// By distance, row and column.
+    pub means: Vec<Vec2>,
+}
+
+impl SunTable {
+    /// Columns and rows of [`SunTable::texels`].
+    #[cfg(feature = "gpu")]
+    pub const SIZE: [u32; 2] = [ACROSS as u32, (DOWN[1] * DISTANCES) as u32];
+
+    /// Means as a graphics card takes them: distance after distance, dark rows after the last.
+    #[cfg(feature = "gpu")]
+    pub fn texels(&self) -> Vec<[f32; 4]> {
+        let mut texels: Vec<[f32; 4]> = self.means.iter().map(|means| [means.x, means.y, 0.0, 0.0]).collect();
+        texels.resize(ACROSS * DOWN[1] * DISTANCES, [0.0; 4]);
+        texels
+    }
+
+    /// What a camera sees.
+    pub fn new(sun: &RainSun<'_>, camera: &Camera) -> Self {
+        let size = [camera.width, camera.height].map(f64::from);
+        let down =
+            libm::round((ACROSS - 1) as f64 * size[1] / size[0] * camera.pixel_aspect.recip()) as usize + 1;
+        let counts = [ACROSS, down.clamp(DOWN[0], DOWN[1])];
+        let step = [0, 1].map(|axis| size[axis] / (counts[axis] - 1) as f64);
+        let secants = camera.secants();
+        let mut rays = vec![[Vec2::ZERO; DISTANCES]; counts[0] * counts[1]];
+        rays.par_chunks_mut(counts[0]).enumerate().for_each(|(row, rays)| {
+            for (column, means) in rays.iter_mut().enumerate() {
+                let ray = camera.ray_with(&secants, column as f64 * step[0], row as f64 * step[1]);
+                sun.along(&ray, means);
+            }
+        });
+        let means = (0..DISTANCES).flat_map(|k| rays.iter().map(move |means| means[k])).collect();
+        Self { counts, step, means }
+    }
+
+    /// Means at pixel coordinates of a ray that ends after `metres`.
+    pub fn at(&self, [x, y]: [f64; 2], metres: f64) -> Vec2 {
+        let (row, v) = self.place(y, 1);
+        let (k, share) = between(metres as f32);
+        let [near, far] = [k, k + 1].map(|k| {
+            let [a, b] = [row, row + 1]
+                .map(|row| self.across(&self.means[(k * self.counts[1] + row) * self.counts[0]..], x));
+            a.lerp(b, v)
+        });
+        near.lerp(far, share)
+    }
+
+    /// Node before a pixel coordinate and the share of the next one.
+    fn place(&self, at: f64, axis: usize) -> (usize, f32) {
+        let at = (at / self.step[axis]).clamp(0.0, (self.counts[axis] - 1) as f64);
+        let node = (at as usize).min(self.counts[axis] - 2);
+        (node, (at - node as f64) as f32)
+    }
+
+    fn across(&self, row: &[Vec2], x: f64) -> Vec2 {
+        let (column, u) = self.place(x, 0);
+        row[column].lerp(row[column + 1], u)
+    }
+
+    /// Adds the sun's light to `picture` as the rain before its things, `metres` away, shows it. `left` is what the rain left of each
+    /// pixel's light.
+    pub fn draw(
+        &self,
+        sun: &RainSun<'_>,
+        camera: &Camera,
+        (metres, left): (&[f32], &[f32]),
+        picture: &mut Picture,
+    ) {
+        let width = picture.width;
+        let secants = camera.secants();
+        let towards = sun.sun.towards.as_dvec3();
+        let rows = picture.pixels.par_chunks_mut(width);
+        let rows = rows.zip(metres.par_chunks(width)).zip(left.par_chunks(width));
+        rows.enumerate().for_each(|(y, ((pixels, metres), left))| {
+            let mut line = [Vec2::ZERO; DISTANCES * ACROSS];
+            let (row, v) = self.place(y as f64 + 0.5, 1);
+            for k in 0..DISTANCES {
+                let own = &self.means[(k * self.counts[1] + row) * ACROSS..];
+                for column in 0..ACROSS {
+                    line[k * ACROSS + column] = own[column].lerp(own[ACROSS + column], v);
+                }
+            }
+            for (x, pixel) in pixels.iter_mut().enumerate() {
+                let scattered = 1.0 - left[x];
+                if scattered <= 0.0 {
+                    continue;
+                }
+                let (k, share) = between(metres[x]);
+                let [near, far] = [k, k + 1].map(|k| self.across(&line[k * ACROSS..], x as f64 + 0.5));
+                let means = near.lerp(far, share);
+                let direction = camera.ray_with(&secants, x as f64 + 0.5, y as f64 + 0.5).direction;
+                let shown = shown(&sun.sun, sun.phase.values(direction.dot(towards)), means);
+                (0..3).for_each(|band| pixel[band] += scattered * shown[band]);
+            }
+        });
+    }
+}
+
+/// Distance before one, and the share of the next.
+fn between(metres: f32) -> (usize, f32) {
+    let at = libm::log1pf(metres.max(0.0) / FIRST_M as f32) / STEP as f32;
+    let k = (at as usize).min(DISTANCES - 2);
+    (k, (at - k as f32).min(1.0))
+}
+
+/// Radiance of a whole ray: E (p a + b).
+pub fn shown(sun: &Sun, phase: [f64; 3], means: Vec2) -> [f32; 3] {
+    std::array::from_fn(|band| sun.irradiance[band] * (phase[band] as f32 * means.x + means.y))
+}
+
+#[cfg(test)]
+mod tests;
