@@ -10,7 +10,7 @@ use crate::transport::{Boundary, Cloud};
 use glam::{DVec2, DVec3, Vec3};
 
 /// Most nodes along a side: some hundred thousand cells are crossed for each thousand of them.
-const MOST: usize = 256;
+const MOST: usize = 192;
 /// Depth from which a beam is gone.
 const DARK: f32 = 30.0;
 
@@ -173,6 +173,19 @@ mod tests {
             // Edges of a hard slab fall between nodes for some, a hundred metres apart.
             assert!(off < 120, "{towards}: {off}");
             assert!(open > 500 && (dark > 40 || towards.z == 0.0), "{towards}: {dark} {open}");
+        }
+    }
+
+    #[test]
+    fn a_place_inside_the_cloud_has_what_lies_between_it_and_the_clouds_end() {
+        /// Single precision of heights in km.
+        const ROUND_OFF: f32 = 1e-3;
+        let shade = CloudShade::of(None, Some(&slab(1.5)), Vec3::Z).unwrap();
+        for (height, above) in
+            [(100.0, 1.0), (999.0, 1.0), (1_200.0, 0.8), (1_650.0, 0.35), (1_990.0, 0.01), (2_100.0, 0.0)]
+        {
+            let (found, wanted) = (shade.left(DVec3::new(30.0, -70.0, height)), libm::expf(-1.5 * above));
+            assert!((found - wanted).abs() < ROUND_OFF, "{height}: {found} {wanted}");
         }
     }
 

@@ -28,8 +28,9 @@ const DOWN: [usize; 2] = [9, 33];
 pub(crate) const DISTANCES: usize = 20;
 pub(crate) const FIRST_M: f64 = 40.0;
 pub(crate) const STEP: f64 = 0.3637;
-/// Pieces between two distances, and where the cloud's shadow falls.
-const PIECES: [u32; 2] = [2, 6];
+/// Pieces between two distances, and parts of those where the cloud's shadow falls.
+const PIECES: u32 = 2;
+const SHADED: u32 = 3;
 /// Transmittance behind which nothing is looked for.
 const GONE: f64 = 1e-5;
 
@@ -48,44 +49,50 @@ pub struct RainSun<'a> {
 }
 
 impl RainSun<'_> {
-    /// What comes to a place straight, and what comes there scattered and is sent on to the eye, 1/sr.
+    /// What comes through the rain to a place straight, and what comes there scattered and is sent on to the eye, 1/sr.
     fn at(&self, place: DVec3, cosine: f64) -> DVec2 {
         let depth = depth_to_sun(&self.field, self.extinction, (place, self.sun));
-        let open = self.shade.map_or(1.0, |shade| f64::from(shade.left(place)));
-        if open == 0.0 {
-            return DVec2::ZERO;
-        }
-        open * DVec2::new(libm::exp(-depth), self.phase.values_again(depth, cosine))
+        DVec2::new(libm::exp(-depth), self.phase.values_again(depth, cosine))
+    }
+
+    /// What comes through the cloud to a place.
+    fn open(&self, place: DVec3) -> f64 {
+        self.shade.map_or(1.0, |shade| f64::from(shade.left(place)))
     }
 
     /// The means of a ray up to each distance.
     fn along(&self, ray: &Ray, out: &mut [Vec2; DISTANCES]) {
         let cosine = ray.direction.dot(self.sun.towards.as_dvec3());
-        let at = |t: f64| self.at(ray.origin + ray.direction * t, cosine);
-        let pieces = PIECES[usize::from(self.shade.is_some())];
+        let place = |t: f64| ray.origin + ray.direction * t;
+        let parts = if self.shade.is_some() { SHADED } else { 1 };
         let farthest = RainPath::farthest(&self.field);
         let (mut left, mut sum) = (1.0, DVec2::ZERO);
-        let (mut here, mut begin) = (0.0, at(0.0));
-        out[0] = begin.as_vec2();
+        let (mut here, mut begin) = (0.0, self.at(place(0.0), cosine));
+        let mut lit = begin * self.open(place(0.0));
+        out[0] = lit.as_vec2();
         for k in 1..DISTANCES {
             let [first, last] = [k - 1, k].map(distance);
-            for piece in 1..=pieces {
-                let next = first + (last - first) * f64::from(piece) / f64::from(pieces);
+            for piece in 1..=PIECES {
+                let next = first + (last - first) * f64::from(piece) / f64::from(PIECES);
                 if left <= GONE || here >= farthest {
                     break;
                 }
-                let end = at(next);
-                let depth = self.extinction * self.field.path(ray, here, next);
-                // Between the piece's ends D and M count as linear in the depth.
+                let end = self.at(place(next), cosine);
+                let depth = self.extinction * self.field.path(ray, here, next) / f64::from(parts);
+                // Between a part's ends D and M count as linear in the depth.
                 let gone = -libm::expm1(-depth);
                 let later =
                     if depth > 1e-4 { (gone - depth * libm::exp(-depth)) / depth } else { 0.5 * depth };
-                sum += left * ((gone - later) * begin + later * end);
-                left *= libm::exp(-depth);
+                for part in 1..=parts {
+                    let share = f64::from(part) / f64::from(parts);
+                    let then = begin.lerp(end, share) * self.open(place(here + (next - here) * share));
+                    sum += left * ((gone - later) * lit + later * then);
+                    (left, lit) = (left * (1.0 - gone), then);
+                }
                 (here, begin) = (next, end);
             }
             let whole = 1.0 - left;
-            out[k] = if whole > 1e-9 { (sum / whole).as_vec2() } else { begin.as_vec2() };
+            out[k] = if whole > 1e-9 { (sum / whole).as_vec2() } else { lit.as_vec2() };
         }
     }
 }
@@ -179,8 +186,6 @@ impl SunTable {
         picture: &mut Picture,
     ) {
         let width = picture.width;
-        let secants = camera.secants();
-        let towards = sun.sun.towards.as_dvec3();
         let rows = picture.pixels.par_chunks_mut(width);
         let rows = rows.zip(metres.par_chunks(width)).zip(left.par_chunks(width));
         rows.enumerate().for_each(|(y, ((pixels, metres), left))| {
@@ -192,27 +197,83 @@ impl SunTable {
                     line[k * ACROSS + column] = own[column].lerp(own[ACROSS + column], v);
                 }
             }
+            let seen = RowOfSun::new(sun, camera, y);
+            let per_pixel = self.step[0].recip() as f32;
             for (x, pixel) in pixels.iter_mut().enumerate() {
                 let scattered = 1.0 - left[x];
                 if scattered <= 0.0 {
                     continue;
                 }
                 let (k, share) = between(metres[x]);
-                let [near, far] = [k, k + 1].map(|k| self.across(&line[k * ACROSS..], x as f64 + 0.5));
-                let means = near.lerp(far, share);
-                let direction = camera.ray_with(&secants, x as f64 + 0.5, y as f64 + 0.5).direction;
-                let shown = shown(&sun.sun, sun.phase.values(direction.dot(towards)), means);
-                (0..3).for_each(|band| pixel[band] += scattered * shown[band]);
+                let at = (x as f32 + 0.5) * per_pixel;
+                let column = (at as usize).min(ACROSS - 2);
+                let u = at - column as f32;
+                let own = |k: usize| line[k * ACROSS + column].lerp(line[k * ACROSS + column + 1], u);
+                let means = own(k).lerp(own(k + 1), share);
+                let phase = seen.phase(x);
+                for band in 0..3 {
+                    let shown = sun.sun.irradiance[band] * (phase[band] * means.x + means.y);
+                    pixel[band] += scattered * shown;
+                }
             }
         });
     }
 }
 
-/// Distance before one, and the share of the next.
+/// The sun's phase function along one row of pixels.
+struct RowOfSun<'a> {
+    phase: &'a Phase,
+    /// Scale, (1 − |g|)² and 2 g of Henyey and Greenstein's function, where it is one.
+    closed: Option<[f32; 3]>,
+    /// cos θ = (first + along · t)/√(level + t²), t the tangent to the right at a pixel's middle.
+    first: f32,
+    along: f32,
+    level: f32,
+    tangent: f32,
+    per_pixel: f32,
+}
+
+impl<'a> RowOfSun<'a> {
+    fn new(sun: &RainSun<'a>, camera: &Camera, y: usize) -> Self {
+        let towards = sun.sun.towards.as_dvec3();
+        let [own, next] = [0.5, 1.5].map(|x| camera.tangents(x, y as f64 + 0.5));
+        let closed = sun.phase.as_henyey_greenstein().map(|(factor, g)| {
+            let scale = factor * (1.0 - g * g) / (4.0 * std::f64::consts::PI);
+            [scale, (1.0 - g.abs()) * (1.0 - g.abs()), 2.0 * g].map(|value| value as f32)
+        });
+        Self {
+            phase: sun.phase,
+            closed,
+            first: (camera.forward - camera.up * own.y).dot(towards) as f32,
+            along: camera.right.dot(towards) as f32,
+            level: (1.0 + own.y * own.y) as f32,
+            tangent: own.x as f32,
+            per_pixel: (next.x - own.x) as f32,
+        }
+    }
+
+    /// 1/sr per colour at pixel x.
+    fn phase(&self, x: usize) -> [f32; 3] {
+        let t = self.tangent + x as f32 * self.per_pixel;
+        let cosine = (self.first + self.along * t) / (self.level + t * t).sqrt();
+        let Some([scale, narrow, twice]) = self.closed else {
+            return self.phase.values(f64::from(cosine.clamp(-1.0, 1.0))).map(|value| value as f32);
+        };
+        // 1 + g² − 2g cos θ in a form that keeps its digits at the peak.
+        let base = narrow + twice * (1.0f32.copysign(twice) - cosine);
+        [scale / (base * base.sqrt()); 3]
+    }
+}
+
+/// Distance before one, and the share of the next; the logarithm's fraction by a parabola, within a fiftieth of a step.
 fn between(metres: f32) -> (usize, f32) {
-    let at = libm::log1pf(metres.max(0.0) / FIRST_M as f32) / STEP as f32;
-    let k = (at as usize).min(DISTANCES - 2);
-    (k, (at - k as f32).min(1.0))
+    const PER_OCTAVE: f32 = std::f32::consts::LN_2 / STEP as f32;
+    let bits = (1.0 + metres.max(0.0) / FIRST_M as f32).to_bits();
+    let fraction = f32::from_bits(bits & 0x7f_ffff | 0x3f80_0000);
+    let octaves = (bits >> 23) as f32 - 127.0;
+    let at = PER_OCTAVE * (octaves + (2.0 - fraction / 3.0) * fraction - 5.0 / 3.0);
+    let k = (at.max(0.0) as usize).min(DISTANCES - 2);
+    (k, (at - k as f32).clamp(0.0, 1.0))
 }
 
 /// Radiance of a whole ray: E (p a + b).
