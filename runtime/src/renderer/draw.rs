@@ -12,16 +12,15 @@
 use super::cloud_shade::CloudShade;
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::panes::PaneLights;
-use super::rain_sun::depth_to_sun;
 use super::sun_shadows::SunShadows;
 use super::times::Watch;
 use super::town_rain::TownRain;
 use super::world::SunSeen;
-use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
+use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, rain_sun, town, world};
 use crate::camera::{Camera, Lens, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
-use crate::medium::{Medium, Phase};
+use crate::medium::Phase;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::{DryAir, DryTiles, Rain, RainField};
@@ -114,19 +113,10 @@ impl Scene {
         let mut surrounding = (is_wet || self.town.is_some())
             .then(|| world::Surrounding::of(memory.surrounding.take(), seen_for, look));
         let field = self.rain_place.standing_field(frame);
-        let [of_drops, undrawn] = rain::around_eye(frame, &field);
         let sun_above = (is_wet && frame.medium.dims_sun()).then(|| sky.sun()).flatten();
-        let mut shown_by = |medium: &Medium| match &mut surrounding {
-            Some(surrounding) if is_wet => {
-                let depth = |sun| depth_to_sun(&field, medium.extinction().0, (eye, sun));
-                let seen = SunSeen::Behind(sun_above.map_or(0.0, depth));
-                surrounding.in_scattering(medium.phase(), seen).with_beam(rain::flash_at_eye(&flashes, eye))
-            }
-            _ => InScattering::dark(medium.phase()),
-        };
-        let drops = shown_by(&of_drops);
-        let is_own = undrawn.phase() != of_drops.phase() || undrawn.extinction() != of_drops.extinction();
-        let own = is_own.then(|| shown_by(&undrawn));
+        let flash = rain::flash_at_eye(&flashes, eye);
+        let seen = surrounding.as_mut().filter(|_| is_wet).map(|seen| (seen, sun_above, flash));
+        let (drops, own, undrawn) = rain_sun::shown_around_eye(frame, &field, seen);
         let dry = self.dry_air(frame, &field, memory.dry.take())?;
         let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
         let sun_shadows = SunShadows::new(self.town.as_ref(), sun);

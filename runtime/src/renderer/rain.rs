@@ -368,12 +368,6 @@ fn draw_sun(
     }
 }
 
-/// What dims and spreads the sun's light on its way to the frame's drops, and to its rain of which none is drawn.
-pub fn around_eye(frame: &Frame, field: &RainField<'_>) -> [Medium; 2] {
-    let rate = field.rate(frame.weather.rate);
-    [Medium::geometric(rate).with_phase(frame.medium.drop_phase()), frame.medium.undrawn(rate)]
-}
-
 /// How the frame's drops fall, the mean over what they cover, m/s.
 pub(super) fn fall_of(
     section: &DensitySection,

@@ -13,12 +13,14 @@
 //! | a, b | mean shares of light that comes straight, and scattered | –, 1/sr |
 
 use super::cloud_shade::CloudShade;
+use super::world::{SunSeen, Surrounding};
 use crate::camera::{Camera, Ray};
-use crate::medium::Phase;
+use crate::frame::Frame;
+use crate::medium::{Medium, Phase};
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::{RainField, RainPath};
-use crate::world::Sun;
+use crate::world::{Beam, InScattering, Sun};
 use glam::{DVec2, DVec3, Vec2};
 
 /// Nodes across a picture, and at least and at most down it.
@@ -104,6 +106,33 @@ pub fn depth_to_sun(field: &RainField<'_>, extinction: f64, (place, sun): (DVec3
     }
     let ray = Ray { origin: place, direction: sun.towards.as_dvec3() };
     extinction * field.path(&ray, 0.0, f64::INFINITY)
+}
+
+/// What dims and spreads the sun's light on its way to the frame's drops, and to its rain of which none is drawn.
+pub fn around_eye(frame: &Frame, field: &RainField<'_>) -> [Medium; 2] {
+    let rate = field.rate(frame.weather.rate);
+    [Medium::geometric(rate).with_phase(frame.medium.drop_phase()), frame.medium.undrawn(rate)]
+}
+
+/// What drops near the eye show of the world, the sun, where it is dimmed, and the flashes' beam; what rain none of which is drawn shows, where
+/// that is something else; and that rain.
+pub fn shown_around_eye(
+    frame: &Frame,
+    field: &RainField<'_>,
+    mut seen: Option<(&mut Surrounding, Option<Sun>, Beam)>,
+) -> (InScattering, Option<InScattering>, Medium) {
+    let [of_drops, undrawn] = around_eye(frame, field);
+    let mut shown_by = |medium: &Medium| match &mut seen {
+        Some((surrounding, sun, flash)) => {
+            let depth = |sun| depth_to_sun(field, medium.extinction().0, (frame.camera.position, sun));
+            let sun = SunSeen::Behind(sun.map_or(0.0, depth));
+            surrounding.in_scattering(medium.phase(), sun).with_beam(*flash)
+        }
+        None => InScattering::dark(medium.phase()),
+    };
+    let drops = shown_by(&of_drops);
+    let is_own = undrawn.phase() != of_drops.phase() || undrawn.extinction() != of_drops.extinction();
+    (drops, is_own.then(|| shown_by(&undrawn)), undrawn)
 }
 
 /// The k-th distance, m.

@@ -9,7 +9,7 @@ use super::draw::TOWN_M;
 use super::halos::{Halos, Spreading, stands_within};
 use super::lit_stroke::{LitStroke, eye_height};
 use super::rain::{self, shot_of};
-use super::rain_sun::{RainSun, SunTable, depth_to_sun};
+use super::rain_sun::{RainSun, SunTable, around_eye, depth_to_sun};
 use crate::camera::Projection;
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
@@ -247,7 +247,7 @@ impl Weather {
         let standing = scene.rain_place.standing_field(frame);
         let depth =
             |medium: &Medium| depth_to_sun(&standing, medium.extinction().0, (frame.camera.position, sun));
-        let [drops, undrawn] = rain::around_eye(frame, &standing).map(|medium| depth(&medium));
+        let [drops, undrawn] = around_eye(frame, &standing).map(|medium| depth(&medium));
         self.shown.set_sun(gpu, sun.towards, [drops, 0.0, undrawn]);
         let lost = |depth: f64| -libm::expm1(-depth) as f32;
         // A cloud without an end shades all rain as it shades the eye.

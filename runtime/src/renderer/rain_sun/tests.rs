@@ -1,7 +1,7 @@
 use super::*;
 use crate::camera::Projection;
 use crate::depth::{DepthBuffer, DepthKind};
-use crate::medium::{Medium, Outlook};
+use crate::medium::Outlook;
 use crate::rain::{Ceiling, RainMap, RainVolume};
 use crate::transport::{Boundary, Cloud};
 use crate::world::WorldLight;
