@@ -1,7 +1,7 @@
 //! The loss of visibility: rain too far or too fine for streaks, as a medium. \[weber\] §3.2, corrected.
 //!
 //! L = L₀ F + L_in, F = e^{−τ}, L_in = J (1 − F). J is the world's radiance blurred by the phase function, the sun's by \[weber\]
-//! eq. 12, p(θ) E with p normalised ([`crate::world`]).
+//! eq. 12, p(θ) E with p normalised ([`crate::world`]), or behind rain of its own: [`Phase::values_behind`].
 //!
 //! Streaks and medium are the same drops. A streak's coverage is a drop's disc, so its expected optical depth is
 //! the extinction with Q = 1; beside drawn streaks the medium uses Q = 1 too and leaves out, class by class,
@@ -14,6 +14,7 @@
 //! | z      | planar depth   | m    |
 
 mod apply;
+mod beam;
 mod choice;
 mod drops;
 mod phase;

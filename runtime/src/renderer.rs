@@ -3,6 +3,7 @@
 #[cfg(feature = "gpu")]
 mod card;
 mod channel;
+mod cloud_shade;
 pub(crate) mod draw;
 mod foreground;
 pub(crate) mod halos;
@@ -11,6 +12,7 @@ pub(crate) mod light;
 pub(crate) mod lit_stroke;
 mod panes;
 mod rain;
+pub(crate) mod rain_sun;
 mod sun_shadows;
 mod surfaces;
 mod times;
@@ -123,6 +125,7 @@ struct Memory {
     town: town::Kept,
     spreading: Option<halos::Spreading>,
     lamp_halos: Option<halos::kept::Kept>,
+    cloud_shade: Option<cloud_shade::CloudShade>,
     dry: Option<DryTiles>,
     rain: Workspace,
     transmittance: Vec<f32>,
@@ -147,6 +150,7 @@ impl Memory {
             town: town::Kept::default(),
             spreading: None,
             lamp_halos: None,
+            cloud_shade: None,
             dry: None,
             rain: Workspace::new(),
             transmittance: Vec::new(),

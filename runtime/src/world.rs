@@ -107,20 +107,38 @@ impl WorldLight {
         self.harmonics[0].map(|value| value * crate::shade::sky::harmonics::Y0)
     }
 
-    /// What scatterers with this phase function show of the world, prepared for many directions.
+    /// What scatterers with this phase function show of the world, prepared for many directions; nothing stands between them and the sun.
     pub fn in_scattering(&self, phase: &Phase) -> InScattering {
+        self.in_scattering_behind(phase, 0.0)
+    }
+
+    /// The same of scatterers that the sun's light reaches through rain of optical depth `depth` ≥ 0: straight, and scattered
+    /// ([`Phase::values_behind`]), the latter to degree [`HIGHEST_DEGREE`].
+    pub fn in_scattering_behind(&self, phase: &Phase, depth: f64) -> InScattering {
         let mut blurred = [[0.0f32; 3]; COUNT];
         for (i, value) in self.harmonics.iter().chain(&self.finer).enumerate() {
             let moments = phase.moments(degrees::degree_of(i));
             blurred[i] = std::array::from_fn(|band| value[band] * moments[band] as f32);
         }
-        let count = if self.finer.is_empty() { 9 } else { COUNT };
-        let sun = self.sun.iter().filter(|sun| sun.irradiance != [0.0; 3]);
-        let beams = sun.map(|sun| Beam { towards: sun.towards.as_dvec3(), irradiance: sun.irradiance });
+        let mut count = if self.finer.is_empty() { 9 } else { COUNT };
+        let sun = self.sun.filter(|sun| sun.irradiance != [0.0; 3]);
+        let sun = sun.map(|sun| Beam { towards: sun.towards.as_dvec3(), irradiance: sun.irradiance });
+        if let Some(sun) = sun.filter(|_| depth > 0.0) {
+            let values = Basis::new().values(sun.towards);
+            let moments: [f64; HIGHEST_DEGREE + 1] = std::array::from_fn(|l| phase.moments_again(depth, l));
+            for (i, value) in blurred.iter_mut().enumerate() {
+                let share = (values[i] * moments[degrees::degree_of(i)]) as f32;
+                (0..3).for_each(|band| value[band] += share * sun.irradiance[band]);
+            }
+            count = COUNT;
+        }
+        let straight = libm::exp(-depth) as f32;
+        let dimmed = |sun: Beam| Beam { irradiance: sun.irradiance.map(|band| band * straight), ..sun };
         InScattering {
             map: Map::new(&blurred[..count]),
             phase: phase.clone(),
-            beams: beams.collect(),
+            beams: sun.into_iter().map(dimmed).collect(),
+            sun: sun.map(|sun| (sun, depth)),
             spread: self.spread(),
         }
     }
@@ -154,6 +172,8 @@ pub struct InScattering {
     map: Map,
     phase: Phase,
     beams: Vec<Beam>,
+    /// The sun before the rain on its way, and the depth of that.
+    sun: Option<(Beam, f64)>,
     /// Mean and standard deviation of the world's radiance, beams left out.
     spread: [f64; 2],
 }
@@ -163,7 +183,7 @@ impl InScattering {
     pub(crate) fn dark(phase: &Phase) -> Self {
         let side = Map::STEPS + 1;
         let map = Map { texels: vec![[0.0; 3]; side * side] };
-        Self { map, phase: phase.clone(), beams: Vec::new(), spread: [0.0; 2] }
+        Self { map, phase: phase.clone(), beams: Vec::new(), sun: None, spread: [0.0; 2] }
     }
 
     /// The same with one more distant light: a flash.
@@ -184,6 +204,13 @@ impl InScattering {
             (0..3).for_each(|band| sum[band] += share[band] as f32 * beam.irradiance[band]);
         }
         sum
+    }
+
+    /// The sun's part of [`InScattering::radiance`].
+    pub(crate) fn of_sun(&self, direction: DVec3) -> [f32; 3] {
+        let Some((sun, depth)) = &self.sun else { return [0.0; 3] };
+        let share = self.phase.values_behind(*depth, direction.dot(sun.towards));
+        std::array::from_fn(|band| share[band] as f32 * sun.irradiance[band])
     }
 
     /// The part that comes from everywhere, the beams left out; smooth in `direction`, which may have any length.
@@ -218,7 +245,7 @@ impl InScattering {
         &self.phase
     }
 
-    /// The distant lights: the sun first, where it is up.
+    /// The distant lights: the sun first, where it is up, as bright as it comes straight.
     pub fn beams(&self) -> &[Beam] {
         &self.beams
     }

@@ -11,6 +11,9 @@ struct RainLight {
     medium_flash: vec4f,
     // Asymmetry and factor of the drops' function, then the medium's, then that of rain of which nothing is drawn.
     phases: array<vec4f, 3>,
+    // What the rain before the sun takes of its straight beam, for each of those; all of it where a pass has the sun along each ray. Whether
+    // that is behind the cloud as the eye is.
+    sun_lost: vec4f,
 }
 
 // Steps along the side of the unfolded octahedron; `world::Map::STEPS`.
@@ -28,15 +31,21 @@ struct Around {
 }
 
 @group(2) @binding(3) var<uniform> light: RainLight;
-// One map under the other: drops', medium's, undrawn rain's.
+// One map under the other: drops', medium's, undrawn rain's; in the fourth place what they show of a sun of irradiance 1 whose light was
+// scattered before.
 @group(2) @binding(4) var shown_map: texture_2d<f32>;
 // Values in 1/sr by half degrees; a row a function; used where a phase's factor is 0.
 @group(2) @binding(5) var phase_table: texture_2d<f32>;
 @group(2) @binding(8) var<uniform> around: Around;
 
 // Irradiance of the sun behind the storm's cloud.
-fn sun_light() -> vec3f {
+fn sun_behind_cloud() -> vec3f {
     return light.sun.xyz * around.sun_open;
+}
+
+// What of it comes straight to drops.
+fn sun_light() -> vec3f {
+    return sun_behind_cloud() * (1.0 - light.sun_lost.x);
 }
 
 // What a streak's light is multiplied by on its way into half precision: about one over what drops show.
@@ -51,11 +60,12 @@ fn shown_diffuse(which: i32, d: vec3f) -> vec3f {
     let low = min(vec2i(place), vec2i(MAP_STEPS - 1));
     let f = place - vec2f(low);
     let at = low + vec2i(0, which * (MAP_STEPS + 1));
-    let a = textureLoad(shown_map, at, 0).xyz;
-    let b = textureLoad(shown_map, at + vec2i(1, 0), 0).xyz;
-    let c = textureLoad(shown_map, at + vec2i(0, 1), 0).xyz;
-    let d4 = textureLoad(shown_map, at + vec2i(1, 1), 0).xyz;
-    return mix(mix(a, b, f.x), mix(c, d4, f.x), f.y);
+    let a = textureLoad(shown_map, at, 0);
+    let b = textureLoad(shown_map, at + vec2i(1, 0), 0);
+    let c = textureLoad(shown_map, at + vec2i(0, 1), 0);
+    let d4 = textureLoad(shown_map, at + vec2i(1, 1), 0);
+    let shown = mix(mix(a, b, f.x), mix(c, d4, f.x), f.y);
+    return shown.xyz + shown.w * sun_behind_cloud();
 }
 
 fn phase_values(which: i32, cosine: f32) -> vec3f {
@@ -76,7 +86,8 @@ fn phase_values(which: i32, cosine: f32) -> vec3f {
 fn shown_radiance(which: i32, d: vec3f) -> vec3f {
     var sum = shown_diffuse(which, d);
     if any(light.sun.xyz > vec3f(0.0)) {
-        sum += sun_light() * phase_values(which, dot(d, light.sun_towards.xyz));
+        let straight = sun_behind_cloud() * (1.0 - light.sun_lost[which]);
+        sum += straight * phase_values(which, dot(d, light.sun_towards.xyz));
     }
     let own = which == 1;
     let flash = select(light.flash.xyz, light.medium_flash.xyz, own);

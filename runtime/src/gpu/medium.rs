@@ -14,6 +14,7 @@ use crate::error::RuntimeError;
 use crate::medium::{Medium, Phase};
 use crate::point_spread::PointSpread;
 use crate::renderer::halos::Spreading;
+use crate::renderer::rain_sun::SunTable;
 
 /// Most shells of drawn drops.
 pub const SHELLS: usize = 256;
@@ -47,6 +48,9 @@ pub struct MediumPass {
     pub uniform: Held<wgpu::Buffer>,
     /// What is scattered once; the source of what is scattered more often, and what is seen of that.
     tables: [Image; 3],
+    /// Means of the sun's light along rays, and their rows; none where rain shows the sun as it shows the world.
+    sun_means: Image,
+    sun_rows: u32,
     /// The function that they were made for.
     phase: Option<Phase>,
     halos: Held<wgpu::Buffer>,
@@ -68,8 +72,8 @@ impl MediumPass {
         others: [&wgpu::TextureView; 2],
     ) -> Self {
         let exact = Slot::Exact;
-        let own_layout =
-            gpu.layout("medium", &[Slot::Uniform, exact, Slot::Read, exact, exact, exact, Slot::Whole]);
+        let own_layout = gpu
+            .layout("medium", &[Slot::Uniform, exact, Slot::Read, exact, exact, exact, Slot::Whole, exact]);
         let target_layout = gpu
             .layout("medium's pictures", &[Slot::Flat, Slot::Exact, Slot::Store(LIGHT), Slot::Store(METRES)]);
         let module = gpu.module(&MEDIUM);
@@ -82,7 +86,8 @@ impl MediumPass {
         let tables = tables.map(|(name, size)| gpu.target(name, size, exact));
         let halos = gpu.storage("halos", &[HaloLight::default(); FEW_HALOS]);
         let others = others.map(Clone::clone);
-        let own = own_group(gpu, &own_layout, (&uniform, &halos), &tables, &others);
+        let sun_means = gpu.target("sun along rays", SunTable::SIZE, exact);
+        let own = own_group(gpu, &own_layout, (&uniform, &halos), (&tables, &sun_means), &others);
         let (phase, targets, left, size) = (None, None, None, [0; 2]);
         Self {
             kernel,
@@ -90,6 +95,8 @@ impl MediumPass {
             target_layout,
             uniform,
             tables,
+            sun_means,
+            sun_rows: 0,
             phase,
             halos,
             others,
@@ -97,6 +104,14 @@ impl MediumPass {
             targets,
             left,
             size,
+        }
+    }
+
+    /// The sun as the rays of the frames that are set from now on have it; without a table it is among what rain shows of the world.
+    pub fn set_sun(&mut self, gpu: &Gpu, table: Option<&SunTable>) {
+        self.sun_rows = table.map_or(0, |table| table.counts[1] as u32);
+        if let Some(table) = table {
+            gpu.fill(&self.sun_means, &table.texels());
         }
     }
 
@@ -132,14 +147,15 @@ impl MediumPass {
         let farthest = medium.shells().map(|shell| shell[2]).fold(0.0, f32::max);
         uniform.medium = [medium.extinction().0 as f32, farthest, 0.0, 0.0];
         uniform.relief = relief;
-        uniform.counts = [count as u32, lights.len() as u32, 1, 0];
+        uniform.counts = [count as u32, lights.len() as u32, 1, self.sun_rows];
         gpu.write(&self.uniform, &[*uniform]);
         if size_of_val(lights) as u64 > self.halos.size() {
             let mut room = lights.to_vec();
             room.resize(lights.len().next_power_of_two(), HaloLight::default());
             self.halos = gpu.storage("halos", &room);
             let buffers = (&*self.uniform, &*self.halos);
-            self.own = own_group(gpu, &self.own_layout, buffers, &self.tables, &self.others);
+            let tables = (&self.tables, &self.sun_means);
+            self.own = own_group(gpu, &self.own_layout, buffers, tables, &self.others);
         } else {
             gpu.write(&self.halos, lights);
         }
@@ -176,7 +192,7 @@ fn own_group(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
     (uniform, halos): (&wgpu::Buffer, &wgpu::Buffer),
-    [once, source, seen]: &[Image; 3],
+    ([once, source, seen], sun_means): (&[Image; 3], &Image),
     [relief, reach]: &[wgpu::TextureView; 2],
 ) -> wgpu::BindGroup {
     use wgpu::BindingResource::TextureView;
@@ -188,6 +204,7 @@ fn own_group(
         TextureView(&seen.view),
         TextureView(relief),
         TextureView(reach),
+        TextureView(&sun_means.view),
     ];
     gpu.group("medium", layout, &resources)
 }

@@ -53,6 +53,8 @@ const SHORT_PANELS: i32 = 3;
 @group(1) @binding(4) var spread_seen: texture_2d<f32>;
 @group(1) @binding(5) var dry_relief: texture_2d<f32>;
 @group(1) @binding(6) var lamp_reach: texture_2d<u32>;
+// Means of the sun's light along rays, by the picture's columns along x, by rows and distances along y. (renderer::rain_sun)
+@group(1) @binding(7) var sun_means: texture_2d<f32>;
 
 @group(3) @binding(0) var picture: texture_2d<f32>;
 @group(3) @binding(1) var distances: texture_2d<f32>;
@@ -358,6 +360,35 @@ fn halo_radiance(origin: vec3f, way: vec3f, wanted_end: f32, behind: vec3f) -> v
     return sum;
 }
 
+const SUN_ACROSS: i32 = 33;
+const SUN_DISTANCES: i32 = 20;
+const SUN_FIRST_M: f32 = 40.0;
+const SUN_STEP: f32 = 0.3637;
+
+// At one distance.
+fn means_across(place: vec2f, k: i32) -> vec2f {
+    let rows = i32(medium.counts.w);
+    let low = min(vec2i(place), vec2i(SUN_ACROSS, rows) - 2);
+    let f = place - vec2f(low);
+    let at = low + vec2i(0, k * rows);
+    let a = textureLoad(sun_means, at, 0).xy;
+    let b = textureLoad(sun_means, at + vec2i(1, 0), 0).xy;
+    let c = textureLoad(sun_means, at + vec2i(0, 1), 0).xy;
+    let d = textureLoad(sun_means, at + vec2i(1, 1), 0).xy;
+    return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
+}
+
+// What rain shows of the sun on a ray that ends after `metres`.
+fn shown_of_sun(pixel: vec2f, way: vec3f, metres: f32) -> vec3f {
+    let nodes = vec2f(f32(SUN_ACROSS - 1), f32(medium.counts.w - 1u));
+    let place = pixel / vec2f(f32(frame.width), f32(frame.height)) * nodes;
+    let distance = log(1.0 + metres / SUN_FIRST_M) / SUN_STEP;
+    let k = min(i32(distance), SUN_DISTANCES - 2);
+    let means = mix(means_across(place, k), means_across(place, k + 1), min(distance - f32(k), 1.0));
+    let open = select(1.0, around.sun_open, light.sun_lost.w > 0.0);
+    return open * light.sun.xyz * (phase_values(1, dot(way, light.sun_towards.xyz)) * means.x + means.y);
+}
+
 @compute @workgroup_size(8, 8)
 fn apply_medium(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.width || id.y >= frame.height {
@@ -379,7 +410,10 @@ fn apply_medium(@builtin(global_invocation_id) id: vec3u) {
             left = 0.0;
         }
         if left < 1.0 {
-            let shown = shown_radiance(1, ray.way);
+            var shown = shown_radiance(1, ray.way);
+            if medium.counts.w > 0u {
+                shown += shown_of_sun(vec2f(id.xy) + 0.5, ray.way, min(metres, ENDLESS));
+            }
             seen = select(shown, shown + left * (seen - shown), left > 0.0);
         }
         if medium.counts.y > 0u && medium.medium.x > 0.0 {

@@ -6,7 +6,7 @@ const SHELLS: u32 = 256u;
 struct MediumFrame {
     // Extinction, the largest depth of any shell.
     medium: vec4f,
-    // Shells; lights with halos; whether it rains.
+    // Shells; lights with halos; whether it rains; rows of the sun's means, 0 where the sun is in what rain shows of the world.
     counts: vec4u,
     // Metres that a fall leans over the ground for one of height; spokes of the relief, none where nothing covers.
     relief: vec4f,

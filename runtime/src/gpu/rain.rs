@@ -70,6 +70,7 @@ plain! {
         medium_flash_towards: [f32; 4],
         medium_flash: [f32; 4],
         phases: [[f32; 4]; 3],
+        sun_lost: [f32; 4],
     }
 }
 plain! {

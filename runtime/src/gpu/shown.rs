@@ -10,19 +10,21 @@ use super::rain::{PHASES, RainGroup, SHOWN_SIDE, plain};
 use super::shader::SHOWN;
 use crate::medium::Phase;
 use crate::world::HIGHEST_DEGREE;
+use glam::Vec3;
 
 /// Degrees of harmonics, 0 included.
 const DEGREES: usize = HIGHEST_DEGREE + 1;
 
 plain! {
     /// `Moments` of shown.wgsl.
-    Moments { left: [[f32; 4]; PHASES * DEGREES] }
+    Moments { left: [[f32; 4]; PHASES * DEGREES], sun: [f32; 4] }
 }
 
 /// The pass.
 pub struct ShownPass {
     kernel: Kernel,
     moments: Held<wgpu::Buffer>,
+    told: Box<Moments>,
     world: wgpu::BindGroup,
     out: wgpu::BindGroup,
     phases: Vec<Phase>,
@@ -46,7 +48,8 @@ impl ShownPass {
         let module = gpu.module(&SHOWN);
         let kernel =
             gpu.kernel(&module, "show_world", &[Some(frame), Some(&world_layout), Some(&out_layout)]);
-        Self { kernel, moments, world, out, phases: Vec::new(), _steps: steps }
+        let told = Box::default();
+        Self { kernel, moments, told, world, out, phases: Vec::new(), _steps: steps }
     }
 
     /// Tells the passes how drops, medium and undrawn rain spread light; nothing is sent while they spread it alike.
@@ -54,17 +57,32 @@ impl ShownPass {
         if self.phases.iter().eq(phases) {
             return;
         }
-        let mut moments = Moments::default();
-        let (rows, _) = moments.left.as_chunks_mut::<DEGREES>();
+        let (rows, _) = self.told.left.as_chunks_mut::<DEGREES>();
         for (row, phase) in rows.iter_mut().zip(phases) {
-            row.iter_mut().zip(phase.weakening()).for_each(|(left, own)| *left = own);
+            row.iter_mut()
+                .zip(phase.weakening())
+                .for_each(|(left, own)| left[..3].copy_from_slice(&own[..3]));
         }
-        gpu.write(&self.moments, &[moments]);
+        gpu.write(&self.moments, &[*self.told]);
         let bins = rain.phases.texture.width() as usize;
         let row = |phase: &Phase| phase.texels().unwrap_or_else(|| vec![[0.0; 4]; bins]);
         let texels: Vec<[f32; 4]> = phases.into_iter().flat_map(row).collect();
         gpu.fill(&rain.phases, &texels);
         self.phases = phases.map(Phase::clone).to_vec();
+    }
+
+    /// Tells the passes, after [`ShownPass::set_phases`], how deep the rain before a sun in unit direction `towards` is for each.
+    pub fn set_sun(&mut self, gpu: &Gpu, towards: Vec3, depths: [f64; PHASES]) {
+        let mut told = self.told.clone();
+        let (rows, _) = told.left.as_chunks_mut::<DEGREES>();
+        for ((row, phase), depth) in rows.iter_mut().zip(&self.phases).zip(depths) {
+            row.iter_mut().enumerate().for_each(|(l, left)| left[3] = phase.moments_again(depth, l) as f32);
+        }
+        told.sun = towards.extend(0.0).to_array();
+        if told != self.told {
+            gpu.write(&self.moments, &[*told]);
+            self.told = told;
+        }
     }
 
     /// Works the maps out.

@@ -65,11 +65,16 @@ fn rain_left_along(origin: vec3f, way: vec3f, metres: f32) -> f32 {
     return select(exp(-depth), 0.0, depth > 85.0);
 }
 
-// What rain sends on of a beam that it takes, to a surface whose normal has this cosine to it. (renderer/town_rain.rs)
-fn sent_on(cosine: f32) -> f32 {
+// What rain that leaves so much of a beam sends on of it, to a surface whose normal has this cosine to it. (renderer/town_rain.rs)
+fn sent_on(left: f32, cosine: f32) -> f32 {
     let p = light.phases[2];
-    let whole = select(1.0, p.y, p.y > 0.0);
-    return max(0.25 * whole + 0.5 * p.z * cosine + 0.3125 * p.w * (1.5 * cosine * cosine - 0.5), 0.0);
+    var degrees = vec3f(select(1.0, p.y, p.y > 0.0), p.z, p.w) * (1.0 - left);
+    if light.sun_lost.y > 0.0 {
+        let kept = vec3f(1.0, p.z, p.w);
+        degrees = max(pow(vec3f(max(left, 1e-37)), max(1.0 - kept, vec3f(0.0))) - left, vec3f(0.0));
+    }
+    let shape = vec3f(0.25, 0.5 * cosine, 0.3125 * (1.5 * cosine * cosine - 0.5));
+    return max(dot(degrees, shape), 0.0);
 }
 
 fn rain_left(origin: vec3f, end: vec3f) -> f32 {
@@ -176,7 +181,7 @@ fn irradiance(spot: Spot) -> vec3f {
     if any(view.sun.xyz > vec3f(0.0)) {
         let cosine = dot(spot.normal, view.sun_towards.xyz);
         let left = rain_left_along(start, view.sun_towards.xyz, ENDLESS);
-        var share = (1.0 - left) * sent_on(cosine);
+        var share = sent_on(left, cosine);
         if cosine * left > 0.0 && sees_sun(start) { share += cosine * left; }
         sum += view.sun.xyz * (share * around.sun_open);
     }

@@ -124,6 +124,12 @@ impl MediumChoice {
         }
     }
 
+    /// Whether the rain between the sun and a drop dims it and spreads its light ([`Phase::values_behind`]); \[weber\] eq. 12 has it as bright
+    /// at every drop, and stays so with the paper's form.
+    pub fn dims_sun(&self) -> bool {
+        self.form != MediumForm::Paper
+    }
+
     /// How a single drop spreads light, diffraction left out.
     pub fn drop_phase(&self) -> Phase {
         match &self.phase {

@@ -10,6 +10,9 @@ use glam::{DVec2, DVec3, Vec3};
 use squall_formats::drops::SLOPE_POWER;
 use squall_formats::units::{Metres, MillimetresPerHour};
 
+/// Gauss' two points on −1…1: exact for cubics.
+pub(super) const GAUSS: f64 = 0.577_350_269_189_625_8;
+
 /// Lengths of rain along rays: what the medium asks.
 pub trait RainPath: Sync {
     /// Whether it rains the same everywhere and without end.
@@ -173,8 +176,8 @@ impl<'a> RainField<'a> {
         }
     }
 
-    /// [`RainPath::path`] of a way over a map that is no longer than half of its cell and below every top, by the rain over its middle: between
-    /// two cells rain changes evenly. None of other ways.
+    /// [`RainPath::path`] of a way over a map that is no longer than half of its cell and below every top, by the rain over two of its places:
+    /// between four cells' middles rain is bilinear, along a way quadratic, and Gauss' two points are exact. None of other ways.
     pub(crate) fn short_path(&self, from: DVec3, direction: DVec3, metres: f64) -> Option<f64> {
         let PlacedMap { map, drift, reference } = self.map?;
         let highest = from.z.max(from.z + direction.z * metres);
@@ -184,8 +187,10 @@ impl<'a> RainField<'a> {
             && is_below(map.top())
             && is_below(self.volume.ceiling)
             && self.farthest.is_none_or(|farthest| metres <= farthest.0);
-        let middle = from.truncate() + direction.truncate() * (0.5 * metres) - drift;
-        is_plain.then(|| metres * map.share(middle) / reference)
+        let share = |place: f64| {
+            map.share(from.truncate() + direction.truncate() * (0.5 * (1.0 + place) * metres) - drift)
+        };
+        is_plain.then(|| 0.5 * metres * (share(-GAUSS) + share(GAUSS)) / reference)
     }
 
     /// At a point: share of drops that the bounds let fall, and what Λ of the heaviest rain is multiplied by; nothing where

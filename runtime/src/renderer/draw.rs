@@ -9,12 +9,14 @@
 //!    ([`super::channel`]).
 //! 5. The rain's streaks ([`super::rain`]).
 
+use super::cloud_shade::CloudShade;
 use super::lit_stroke::{CLOUD_M, LitStroke, eye_height};
 use super::panes::PaneLights;
 use super::sun_shadows::SunShadows;
 use super::times::Watch;
 use super::town_rain::TownRain;
-use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, town, world};
+use super::world::SunSeen;
+use super::{FrameReport, Memory, Scene, SceneCloud, channel, light, rain, rain_sun, town, world};
 use crate::camera::{Camera, Lens, Ray};
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
@@ -110,19 +112,17 @@ impl Scene {
         let is_wet = frame.weather.rate.0 > 0.0;
         let mut surrounding = (is_wet || self.town.is_some())
             .then(|| world::Surrounding::of(memory.surrounding.take(), seen_for, look));
-        let mut shown_by = |phase: &Phase| match &mut surrounding {
-            Some(surrounding) if is_wet => {
-                surrounding.in_scattering(phase).with_beam(rain::flash_at_eye(&flashes, eye))
-            }
-            _ => InScattering::dark(phase),
-        };
-        let drops = shown_by(&frame.medium.drop_phase());
         let field = self.rain_place.standing_field(frame);
-        let undrawn = frame.medium.undrawn(field.rate(frame.weather.rate));
-        let own = (undrawn.phase() != drops.phase()).then(|| shown_by(undrawn.phase()));
+        let sun_above = (is_wet && frame.medium.dims_sun()).then(|| sky.sun()).flatten();
+        let flash = rain::flash_at_eye(&flashes, eye);
+        let seen = surrounding.as_mut().filter(|_| is_wet).map(|seen| (seen, sun_above, flash));
+        let (drops, own, undrawn) = rain_sun::shown_around_eye(frame, &field, seen);
         let dry = self.dry_air(frame, &field, memory.dry.take())?;
         let sun = surrounding.as_ref().and_then(|seen| seen.light.sun);
         let sun_shadows = SunShadows::new(self.town.as_ref(), sun);
+        if let Some(sun) = sun_above {
+            memory.cloud_shade = CloudShade::of(memory.cloud_shade.take(), self.cloud_grid(), sun.towards);
+        }
         let wet = TownRain::new(undrawn, field, own.as_ref().unwrap_or(&drops));
         let wet = wet.under(dry.as_ref()).shaded_by(sun_shadows);
         let wet = self.tabulated(wet, frame, &flashes);
@@ -156,11 +156,13 @@ impl Scene {
         }
         watch.lap(&mut report.times.sky);
         let around = surrounding.as_ref().map_or([0.0; 3], |seen| seen.light.mean_radiance());
+        // Where it is dimmed, the medium has the sun along each ray.
+        let seen = if sun_above.is_some() { SunSeen::Apart } else { SunSeen::Behind(0.0) };
         let in_rain = |phase: &Phase| match &mut surrounding {
-            Some(surrounding) => surrounding.in_scattering(phase),
+            Some(surrounding) => surrounding.in_scattering(phase, seen),
             None => InScattering::dark(phase),
         };
-        let mirrored = (sun, &wet);
+        let mirrored = (sun, sun_above, &wet);
         self.draw_rain(frame, (sky, around, in_rain, &drops), mirrored, &flashes, (memory, &mut report))?;
         memory.surrounding = surrounding;
         memory.dry = dry.map(DryAir::into_tiles);
@@ -243,7 +245,7 @@ impl Scene {
         &self,
         frame: &Frame,
         (sky, around, in_rain, drops): (&Sky, [f32; 3], impl FnMut(&Phase) -> InScattering, &InScattering),
-        (sun, wet): (Option<Sun>, &TownRain<'_>),
+        (sun, sun_above, wet): (Option<Sun>, Option<Sun>, &TownRain<'_>),
         flashes: &[LitStroke],
         (memory, report): (&mut Memory, &mut FrameReport),
     ) -> Result<(), RuntimeError> {
@@ -274,6 +276,7 @@ impl Scene {
             return Ok(());
         };
         let rain = Rain::new(section, frame.streaks.seed);
+        let shade = memory.cloud_shade.take();
         let task = rain::Task {
             section,
             rain: &rain,
@@ -289,6 +292,11 @@ impl Scene {
             sky: sky.mean_radiance(),
             drops,
             sun_shadows: SunShadows::new(town, sun),
+            sun: sun_above.and_then(|above| match (&shade, cloud) {
+                // A cloud without an end shades all rain as it shades the eye.
+                (None, Some(_)) => sun.map(|sun| (sun, None)),
+                (shade, _) => Some((above, shade.as_ref())),
+            }),
         };
         let medium = rain::medium(&task, in_rain, memory)?;
         watch.lap(&mut report.times.medium);
@@ -296,6 +304,7 @@ impl Scene {
         channels.draw(&|point| medium.left(camera, point), &mut memory.picture);
         watch.lap(&mut report.times.lights_in_view);
         report.streaks = rain::streaks(&task, &medium, memory)?;
+        memory.cloud_shade = shade;
         watch.lap(&mut report.times.streaks);
         Ok(())
     }

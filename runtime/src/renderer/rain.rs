@@ -2,8 +2,10 @@
 
 use super::Memory;
 use super::channel::irradiance_at;
+use super::cloud_shade::CloudShade;
 use super::halos::{self, Halos};
 use super::lit_stroke::LitStroke;
+use super::rain_sun::{RainSun, SunTable};
 use super::sun_shadows::SunShadows;
 use crate::camera::{Camera, Ray};
 use crate::depth::{DepthBuffer, DepthKind};
@@ -17,7 +19,7 @@ use crate::rain::{
 };
 use crate::shade::streak::StreakSet;
 use crate::shade::town::Town;
-use crate::world::{Beam, InScattering};
+use crate::world::{Beam, InScattering, Sun};
 use glam::DVec3;
 use squall_formats::section::density::DensitySection;
 use squall_formats::section::rain_place::RainPlaceSection;
@@ -44,8 +46,10 @@ pub struct Task<'a> {
     pub sky: [f32; 3],
     /// What a drop shows of the world and of the flashes.
     pub drops: &'a InScattering,
-    /// What keeps the sun off, where it shines.
+    /// What keeps the sun off, where it shines on the eye's surroundings.
     pub sun_shadows: Option<SunShadows<'a>>,
+    /// The sun above rain and cloud, and the cloud before it, where the rain dims it; else the medium has it by eq. 12 of \[weber\].
+    pub sun: Option<(Sun, Option<&'a CloudShade>)>,
 }
 
 /// Share of its cell by which a map of rain moves at once under light that is kept.
@@ -143,8 +147,8 @@ impl RainLight for DropLight<'_> {
     fn radiance(&self, ray: &Ray, distance: f64) -> [f32; 3] {
         let mut light = self.world.radiance(ray.direction);
         let drop = ray.origin + ray.direction * distance;
-        if let Some(sun_shadows) = self.sun_shadows.filter(|sun_shadows| sun_shadows.is_dark(drop)) {
-            let sun = sun_shadows.shown(self.world.phase(), ray.direction);
+        if self.sun_shadows.is_some_and(|sun_shadows| sun_shadows.is_dark(drop)) {
+            let sun = self.world.of_sun(ray.direction);
             (0..3).for_each(|band| light[band] = (light[band] - sun[band]).max(0.0));
         }
         for (number, lamp, intensity) in &self.lamps {
@@ -251,7 +255,8 @@ pub fn flash_at_eye(flashes: &[LitStroke], eye: DVec3) -> Beam {
     flash_at(flashes, eye, |_| false)
 }
 
-/// Composites the frame's medium over the picture; `in_rain` says what a phase function shows of the world, without flashes.
+/// Composites the frame's medium over the picture; `in_rain` says what a phase function shows of the world, without flashes, and without the
+/// sun where the task has it.
 pub fn medium<'a>(
     task: &Task<'a>,
     mut in_rain: impl FnMut(&Phase) -> InScattering,
@@ -302,11 +307,7 @@ pub fn medium<'a>(
     memory.transmittance.resize(memory.picture.pixels.len(), 0.0);
     // The town's own depth has no holes.
     medium.apply(&outlook, &mut memory.picture, &mut memory.transmittance)?;
-    if let Some(sun_shadows) = &task.sun_shadows {
-        let spacing = task.frame.quality.halos;
-        let (metres, left) = (&memory.metres, &memory.transmittance);
-        sun_shadows.draw((&medium, &covered), camera, (metres, left), spacing, &mut memory.picture);
-    }
+    draw_sun(task, (&medium, &field, &covered), memory);
     let spreading = halos::Spreading::of(memory.spreading.take(), medium.phase());
     let lamps = halos::kept::Lamps {
         frame: task.frame,
@@ -340,6 +341,31 @@ pub fn medium<'a>(
     halos.draw(camera, &memory.metres, &mut memory.picture);
     memory.spreading = Some(spreading);
     Ok(RainMedium { medium: Some(medium), field, covered: Some(covered), light })
+}
+
+/// The sun in the medium, where the medium does not have it yet, and shadows in that.
+fn draw_sun(
+    task: &Task<'_>,
+    (medium, field, covered): (&Medium, &RainField<'_>, &CoveredRain<'_, RainFan<'_>>),
+    memory: &mut Memory,
+) {
+    let camera = &task.frame.camera;
+    let (metres, left) = (&memory.metres, &memory.transmittance);
+    let table = task.sun.map(|(sun, shade)| {
+        let sun =
+            RainSun { field: *field, extinction: medium.extinction().0, phase: medium.phase(), sun, shade };
+        let table = SunTable::new(&sun, camera);
+        table.draw(&sun, camera, (metres, left), &mut memory.picture);
+        table
+    });
+    let sun_shadows = match task.sun {
+        Some((sun, _)) => SunShadows::new(task.town, Some(sun)),
+        None => task.sun_shadows,
+    };
+    if let Some(sun_shadows) = sun_shadows {
+        let how = (task.frame.quality.halos, table.as_ref());
+        sun_shadows.draw((medium, covered), camera, (metres, left), how, &mut memory.picture);
+    }
 }
 
 /// How the frame's drops fall, the mean over what they cover, m/s.

@@ -1,25 +1,29 @@
 //! Shadows of towers and hills in sunlit rain, and the crepuscular rays between them: what the sun doesn't reach shows none of its light.
 //!
-//! The medium shows the sun's beam as eq. 12 of \[weber\] has it, E p(θ) (1 − F), as if the sun stood free along the whole ray
-//! ([`crate::medium::Medium::apply`]). A stretch of the ray from a to b holds the share e^−τ(a) − e^−τ(b) of the light that a ray
-//! scatters; of stretches in shadow it is taken off again. Shares change slowly from pixel to pixel but for the edges of shadows
+//! The picture has the sun's light as if the sun stood free of town and hills along the whole ray: as eq. 12 of \[weber\] has it, E p(θ) (1 − F)
+//! ([`crate::medium::Medium::apply`]), or dimmed by rain and cloud, E (1 − F) [p(θ) a + b] ([`super::rain_sun`]). A ray that ended after t m
+//! would show (1 − e^−τ(t)) times its own means a and b; so each stretch holds a difference, and of stretches in shadow it is taken
+//! off again. Shares change slowly from pixel to pixel but for the edges of shadows
 //! and of things: they are worked out at the corners of tiles, and lie between them where the tile's middle and sides agree.
+//! Light that drops have sent on before is in shadow where the straight beam is.
 //!
 //! | symbol | quantity | unit |
 //! |---|---|---|
-//! | E | irradiance of the sun at the eye | W/m² |
+//! | E | irradiance of the sun at the eye, or above rain and cloud | W/m² |
+//! | a, b | mean shares of light that comes straight, and scattered; 1 and 0 in eq. 12 | –, 1/sr |
 //! | p | phase function | 1/sr |
 //! | τ, F | optical depth along the ray; transmittance of all of it | – |
 
+use super::rain_sun::{SunTable, shown};
 use crate::camera::{Camera, Ray};
-use crate::medium::{Medium, Phase};
+use crate::medium::Medium;
 use crate::parallel::prelude::*;
 use crate::picture::Picture;
 use crate::rain::RainPath;
 use crate::shade::adaptive::Spacing;
 use crate::shade::town::Town;
 use crate::world::Sun;
-use glam::DVec3;
+use glam::{DVec3, Vec2};
 
 /// Edge of the largest tile, px.
 const LARGEST: usize = 16;
@@ -53,28 +57,22 @@ impl<'a> SunShadows<'a> {
         self.sun.towards.as_dvec3()
     }
 
-    /// What rain without end that nothing shades shows of the sun in unit `direction`, W/(m² sr) per colour.
-    pub fn shown(&self, phase: &Phase, direction: DVec3) -> [f32; 3] {
-        let share = phase.values(direction.dot(self.towards()));
-        std::array::from_fn(|band| share[band] as f32 * self.sun.irradiance[band])
-    }
-
     /// Of all light that even rain without end would scatter along a ray, the share that would come from stretches in shadow up to `end`
     /// m; `left(t)` is what comes through the first t m.
     pub fn share(&self, ray: &Ray, end: f64, left: impl Fn(f64) -> f64) -> f32 {
         let mut stretches = Vec::new();
         self.town.find_shadows((ray.origin, ray.direction), self.sun.towards, end, &mut stretches);
-        share_of(&stretches, left)
+        share_of(&stretches, |metres| Vec2::X * (1.0 - left(metres)) as f32).x
     }
 
     /// Takes the sun's light off `picture` where the rain before its things, `metres` away, is in shadow. `left` is what the medium left
-    /// of each pixel's light.
+    /// of each pixel's light; `table` the sun's light as it was added, that of eq. 12 without one.
     pub fn draw<V: RainPath>(
         &self,
         (medium, volume): (&Medium, &V),
         camera: &Camera,
         (metres, left): (&[f32], &[f32]),
-        spacing: Spacing,
+        (spacing, table): (Spacing, Option<&SunTable>),
         picture: &mut Picture,
     ) {
         let width = picture.width;
@@ -88,11 +86,15 @@ impl<'a> SunShadows<'a> {
                 let y = top as f64 + y;
                 (camera.ray_with(&secants, x, y), secants.at(x, y))
             };
+            let means = |[x, y]: [f64; 2], metres: f64| {
+                table.map_or(Vec2::X, |table| table.at([x, top as f64 + y], metres))
+            };
             let height = pixels.len() / width;
             let mut strip = Strip {
                 sun_shadows: self,
                 share: Share { medium, volume, stretches: Vec::new() },
                 ray: &ray,
+                means: &means,
                 smallest,
                 tolerance: spacing.tolerance,
                 width,
@@ -117,22 +119,29 @@ struct Share<'a, V> {
 }
 
 impl<V: RainPath> Share<'_, V> {
-    /// Of all light that even rain without end would scatter, the share that would come from stretches in shadow; the ray's length is
-    /// `secant` times its planar depth.
-    fn of(&mut self, sun_shadows: &SunShadows<'_>, (ray, secant): (&Ray, f64), end: f64) -> f32 {
+    /// Of all light that even rain without end would scatter, the shares that would come from stretches in shadow; the ray's length is
+    /// `secant` times its planar depth, and `means` are its own up to a distance.
+    fn of(
+        &mut self,
+        sun_shadows: &SunShadows<'_>,
+        (ray, secant): (&Ray, f64),
+        end: f64,
+        means: impl Fn(f64) -> Vec2,
+    ) -> Vec2 {
         let end = end.min(self.volume.farthest());
         let towards = sun_shadows.sun.towards;
         sun_shadows.town.find_shadows((ray.origin, ray.direction), towards, end, &mut self.stretches);
         share_of(&self.stretches, |metres| {
-            libm::exp(-self.medium.optical_depth_in(self.volume, ray, metres / secant, secant))
+            let depth = self.medium.optical_depth_in(self.volume, ray, metres / secant, secant);
+            means(metres) * -libm::expm1(-depth) as f32
         })
     }
 }
 
-/// What stretches of a ray scatter of all light, `left(t)` of which comes through its first t m.
-fn share_of(stretches: &[[f32; 2]], left: impl Fn(f64) -> f64) -> f32 {
+/// What stretches of a ray scatter of all light, `upto(t)` of which its first t m do.
+fn share_of(stretches: &[[f32; 2]], upto: impl Fn(f64) -> Vec2) -> Vec2 {
     let ends = stretches.iter().map(|ends| ends.map(f64::from));
-    ends.map(|[from, to]| (left(from) - left(to)) as f32).sum()
+    ends.map(|[from, to]| upto(to) - upto(from)).sum()
 }
 
 /// Some rows of a picture.
@@ -141,6 +150,8 @@ struct Strip<'a, V> {
     share: Share<'a, V>,
     /// The ray through a place of the picture, y from the strip's top, and its secant.
     ray: &'a (dyn Fn(f64, f64) -> (Ray, f64) + Sync),
+    /// Means of the sun's light of that ray, up to a distance.
+    means: &'a (dyn Fn([f64; 2], f64) -> Vec2 + Sync),
     smallest: usize,
     tolerance: f32,
     width: usize,
@@ -166,14 +177,14 @@ struct Extremes {
 
 /// Shares at a tile's corners, of rays as long as to its nearest and to its farthest thing.
 struct Corners {
-    near: [f32; 4],
-    far: [f32; 4],
+    near: [Vec2; 4],
+    far: [Vec2; 4],
     left: [f32; 2],
 }
 
 impl Corners {
     /// The share at a place of the tile, of a ray that leaves so much light: rays in even light lie evenly between.
-    fn at(&self, place: [f32; 2], left: f32) -> f32 {
+    fn at(&self, place: [f32; 2], left: f32) -> Vec2 {
         let [least, most] = self.left;
         let far = between(&self.far, place);
         if most - least <= 0.0 {
@@ -192,13 +203,14 @@ impl<V: RainPath> Strip<'_, V> {
         }
         let extremes = self.extremes([x, y], [right, bottom]);
         let place = |[u, v]: [f64; 2]| [x as f64 + u * size as f64, y as f64 + v * size as f64];
-        let brightest =
-            CORNERS.iter().chain(&CHECKS[..1]).map(|&at| self.sunlight(place(at))).fold(0.0, f32::max);
+        let far = f64::from(extremes.ends[1]);
+        let sunlight = |at: &[f64; 2]| self.sunlight(place(*at), (self.means)(place(*at), far));
+        let brightest = CORNERS.iter().chain(&CHECKS[..1]).map(sunlight).fold(0.0, f32::max);
         // Where all of the sun's light doesn't show, its shadow doesn't.
         if brightest * (1.0 - extremes.left[0]) <= UNSEEN * extremes.darkest {
             return;
         }
-        let allowed = self.tolerance * ALLOWED * extremes.darkest / brightest.max(1e-30);
+        let allowed = [brightest.max(1e-30), self.tolerance * ALLOWED * extremes.darkest];
         if let Some(corners) = self.corners(&extremes, &place, ([right, bottom], allowed)) {
             for py in y..bottom {
                 for px in x..right {
@@ -227,10 +239,10 @@ impl<V: RainPath> Strip<'_, V> {
         &mut self,
         extremes: &Extremes,
         place: &dyn Fn([f64; 2]) -> [f64; 2],
-        ([right, bottom], allowed): ([usize; 2], f32),
+        ([right, bottom], [brightest, allowed]): ([usize; 2], [f32; 2]),
     ) -> Option<Corners> {
         let ([near, far], [least, most]) = (extremes.ends, extremes.left);
-        let is_even = most - least <= allowed;
+        let is_even = (most - least) * brightest <= allowed;
         let far_shares = CORNERS.map(|at| self.share_at(place(at), far));
         let near_shares = match is_even {
             true => far_shares,
@@ -246,7 +258,8 @@ impl<V: RainPath> Strip<'_, V> {
             let at = (py as usize).min(bottom - 1) * strip.width + (px as usize).min(right - 1);
             let (metres, left) = (strip.metres[at], strip.left[at]);
             let wanted = strip.share_at([px, py], if is_even { far } else { metres });
-            (corners.at(share.map(|v| v as f32), left) - wanted).abs() <= allowed
+            let off = (corners.at(share.map(|v| v as f32), left) - wanted).abs();
+            strip.sunlight([px, py], off) <= allowed
         };
         CHECKS.iter().all(|&share| tells(share, self)).then_some(corners)
     }
@@ -265,40 +278,46 @@ impl<V: RainPath> Strip<'_, V> {
         found
     }
 
-    fn share_at(&mut self, [x, y]: [f64; 2], end: f32) -> f32 {
+    fn share_at(&mut self, [x, y]: [f64; 2], end: f32) -> Vec2 {
         let (ray, secant) = (self.ray)(x, y);
-        if end > 0.0 { self.share.of(self.sun_shadows, (&ray, secant), f64::from(end)) } else { 0.0 }
+        if end.is_nan() || end <= 0.0 {
+            return Vec2::ZERO;
+        }
+        let means = |metres: f64| (self.means)([x, y], metres);
+        self.share.of(self.sun_shadows, (&ray, secant), f64::from(end), means)
     }
 
-    /// What rain without end shows of the sun, the mean of its colours.
-    fn sunlight(&self, [x, y]: [f64; 2]) -> f32 {
-        let direction = (self.ray)(x, y).0.direction;
-        let [r, g, b] = self.shown(direction);
+    /// What these shares show of the sun, the mean of its colours.
+    fn sunlight(&self, [x, y]: [f64; 2], share: Vec2) -> f32 {
+        let [r, g, b] = self.shown((self.ray)(x, y).0.direction, share);
         (r + g + b) / 3.0
     }
 
-    fn shown(&self, direction: DVec3) -> [f32; 3] {
-        self.sun_shadows.shown(self.share.medium.phase(), direction)
+    fn shown(&self, direction: DVec3, share: Vec2) -> [f32; 3] {
+        let values = self.share.medium.phase().values(direction.dot(self.sun_shadows.towards()));
+        shown(&self.sun_shadows.sun, values, share)
     }
 
-    /// Takes a share of the sun's light off a pixel.
-    fn take(&mut self, [x, y]: [usize; 2], share: f32) {
+    /// Takes shares of the sun's light off a pixel.
+    fn take(&mut self, [x, y]: [usize; 2], share: Vec2) {
         let at = y * self.width + x;
+        let middle = [x as f64 + 0.5, y as f64 + 0.5];
         // A pixel has no more than what its own ray scatters.
-        let share = share.min(1.0 - self.left[at]);
-        if share <= 0.0 {
+        let most = (self.means)(middle, f64::from(self.metres[at])) * (1.0 - self.left[at]);
+        let share = share.min(most).max(Vec2::ZERO);
+        if share == Vec2::ZERO {
             return;
         }
-        let shown = self.shown((self.ray)(x as f64 + 0.5, y as f64 + 0.5).0.direction);
+        let shown = self.shown((self.ray)(middle[0], middle[1]).0.direction, share);
         for band in 0..3 {
             let pixel = &mut self.pixels[at][band];
-            *pixel = (*pixel - shown[band] * share).max(0.0);
+            *pixel = (*pixel - shown[band]).max(0.0);
         }
     }
 }
 
-/// A share at a place of a tile.
-fn between([a, b, c, d]: &[f32; 4], [u, v]: [f32; 2]) -> f32 {
+/// Shares at a place of a tile.
+fn between(&[a, b, c, d]: &[Vec2; 4], [u, v]: [f32; 2]) -> Vec2 {
     let (top, bottom) = (a + u * (b - a), c + u * (d - c));
     top + v * (bottom - top)
 }

@@ -5,7 +5,7 @@ mod table;
 use super::sun_shadows::SunShadows;
 use crate::camera::Ray;
 use crate::math::exp_neg;
-use crate::medium::Medium;
+use crate::medium::{Medium, Phase};
 use crate::rain::{DryAir, RainField, RainPath};
 use crate::shade::town::rain::RainBetween;
 use crate::world::InScattering;
@@ -27,10 +27,9 @@ pub struct TownRain<'a> {
     sun_shadows: Option<SunShadows<'a>>,
 }
 
-/// Irradiance on a surface whose normal has this cosine to a beam's direction, for 1 W/m² that is spread by a phase function: max(cos, 0)
-/// in Legendre's polynomials, each weakened.
-fn sent_on(weakening: &[f32; 3], cosine: f32) -> f32 {
-    let [a, b, c] = weakening;
+/// Irradiance on a surface whose normal has this cosine to a beam's direction, for what is left of 1 W/m² in each degree: max(cos, 0) in
+/// Legendre's polynomials, each weakened.
+fn sent_on([a, b, c]: [f32; 3], cosine: f32) -> f32 {
     (0.25 * a + 0.5 * b * cosine + 0.3125 * c * (1.5 * cosine * cosine - 0.5)).max(0.0)
 }
 
@@ -57,6 +56,14 @@ impl<'a> TownRain<'a> {
     /// The same in the shadow of towers and hills.
     pub fn shaded_by(self, sun_shadows: Option<SunShadows<'a>>) -> Self {
         Self { sun_shadows, ..self }
+    }
+
+    /// Of a beam, left of which is so much, what was scattered of each degree: e^−τ(1 − χ) − e^−τ, or all of it once as \[weber\] has it.
+    fn scattered(&self, left: f32) -> [f32; 3] {
+        match self.medium.phase() {
+            Phase::Paper(_) => self.weakening.map(|chi| (1.0 - left) * chi),
+            _ => self.weakening.map(|chi| (libm::powf(left, (1.0 - chi).max(0.0)) - left).max(0.0)),
+        }
     }
 
     /// Depth that covers keep off a way.
@@ -137,15 +144,15 @@ impl RainBetween for TownRain<'_> {
             let share = sun_shadows.share(&Ray { origin: start, direction }, end, |metres| {
                 f64::from(self.share(start, direction, metres))
             });
-            let sun = sun_shadows.shown(self.light.phase(), direction);
+            let sun = self.light.of_sun(direction);
             let share = share.min(1.0 - left);
             (0..3).for_each(|band| added[band] = (added[band] - sun[band] * share).max(0.0));
         }
         (left, added)
     }
 
-    /// What rain takes from a beam it sends on by its phase function p: to a surface beyond, ∫ p max(cos, 0) dω of it, to the second
-    /// degree. Walls keep nothing of that off.
+    /// What rain takes from a beam it sends on, once and more often ([`Phase::values_behind`]): to a surface beyond, ∫ p max(cos, 0) dω of it, to
+    /// the second degree. Walls keep nothing of that off.
     fn of_beam(&self, from: Vec3, towards: Vec3, cosine: f32) -> [f32; 2] {
         let depth = |from, direction, metres| self.depth(from, direction, metres);
         let found = self.table.as_ref().and_then(|table| table.to_sky(from, towards, &depth));
@@ -155,7 +162,7 @@ impl RainBetween for TownRain<'_> {
             }
             None => self.share(from.as_dvec3(), towards.as_dvec3(), f64::INFINITY),
         };
-        [left, (1.0 - left) * sent_on(&self.weakening, cosine)]
+        [left, sent_on(self.scattered(left), cosine)]
     }
 }
 
@@ -282,8 +289,26 @@ mod tests {
                 of(Some(sun)) - of(None)
             };
             let left = libm::expf(-extinction * height / elevation_sine);
-            let degree_2 = 0.3125 * g * g * (1.5 * elevation_sine * elevation_sine - 0.5);
-            let spread = (1.0 - left) * (0.25 + 0.5 * g * elevation_sine + degree_2);
+            // Σ_k ≥ 1 of Poisson's weights of light that was scattered k times, times g^kl.
+            let [all, once, twice] = [0, 1, 2].map(|degree| {
+                let depth = f64::from(extinction * height / elevation_sine);
+                let chi = f64::from(if degree == 0 {
+                    1.0
+                } else if degree == 1 {
+                    g
+                } else {
+                    g * g
+                });
+                let mut weight = libm::exp(-depth);
+                let term = |k: u32| {
+                    weight *= depth / f64::from(k);
+                    weight * libm::pow(chi, f64::from(k))
+                };
+                (1..60).map(term).sum::<f64>() as f32
+            });
+            let spread = 0.25 * all
+                + 0.5 * once * elevation_sine
+                + 0.3125 * twice * (1.5 * elevation_sine * elevation_sine - 0.5);
             let wanted = 50.0 * (left * elevation_sine + spread);
             let found = on(500.0, -300.0);
             assert!((found / wanted - 1.0).abs() < ROUND_OFF, "{height} {elevation_sine}: {found} {wanted}");
@@ -292,6 +317,6 @@ mod tests {
             assert!((shaded - 50.0 * spread).abs() < ROUND_OFF * 50.0, "{height}: {shaded} {spread}");
         }
         // A phase function that spreads nothing sends on what a clear way would let through.
-        assert!((sent_on(&[1.0; 3], 1.0) - 1.0).abs() < 0.07 && sent_on(&[1.0, 0.77, 0.59], -1.0) < 0.06);
+        assert!((sent_on([1.0; 3], 1.0) - 1.0).abs() < 0.07 && sent_on([1.0, 0.77, 0.59], -1.0) < 0.06);
     }
 }

@@ -4,10 +4,12 @@
 
 use super::Scene;
 use super::channel;
+use super::cloud_shade::CloudShade;
 use super::draw::TOWN_M;
 use super::halos::{Halos, Spreading, stands_within};
 use super::lit_stroke::{LitStroke, eye_height};
 use super::rain::{self, shot_of};
+use super::rain_sun::{RainSun, SunTable, around_eye, depth_to_sun};
 use crate::camera::Projection;
 use crate::error::RuntimeError;
 use crate::frame::{Flash, Frame};
@@ -22,12 +24,12 @@ use crate::gpu::spots::{NO_STROKE, SpotPasses, SpotSource};
 use crate::gpu::targets::Targets;
 use crate::gpu::town::TownGroup;
 use crate::medium::{Medium, Phase};
-use crate::rain::{Rain, RainPath, Workspace};
+use crate::rain::{Rain, RainField, RainPath, Workspace};
 use crate::shade::sky::{Sky, SkyParameters};
 use crate::shade::town::light::StrokeLights;
 use crate::stroke::Stroke;
 use crate::world::Beam;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use squall_formats::section::town::StreetLamp;
 use std::sync::Arc;
 
@@ -42,6 +44,7 @@ pub struct Weather {
     spots: SpotPasses,
     frame: Box<RainFrame>,
     spreading: Option<Spreading>,
+    cloud_shade: Option<CloudShade>,
     sized: Option<Sized>,
     placed_for: Option<PlacedFor>,
     strokes: Vec<KeptStroke>,
@@ -115,6 +118,7 @@ impl Weather {
             spots,
             frame: Box::default(),
             spreading: None,
+            cloud_shade: None,
             sized: None,
             placed_for: None,
             strokes: Vec::new(),
@@ -157,7 +161,8 @@ impl Weather {
         let near = |flash: &LitStroke| stands_within(flash, eye, full);
         let all = rain::flash_at(flashes, eye, |_| false);
         let far = rain::flash_at(flashes, eye, near);
-        self.set_light(gpu, sky, [&drops, medium.phase(), undrawn.phase()], [all, far]);
+        let lost = self.set_sun(gpu, scene, (frame, sky), (&medium, &field));
+        self.set_light(gpu, sky, ([&drops, medium.phase(), undrawn.phase()], lost), [all, far]);
         let rate = field.rate(frame.weather.rate);
         let fall = frame.weather.wind - DVec3::Z * Medium::fall_speed(section, rate)?;
         let relief =
@@ -220,8 +225,44 @@ impl Weather {
         }
     }
 
-    fn set_light(&self, gpu: &Gpu, sky: &Sky, phases: [&Phase; 3], [all, far]: [Beam; 2]) {
-        let mut light = RainLight { phases: phases.map(Phase::numbers), ..RainLight::default() };
+    /// The sun as the rain dims it: tables for rays of the eye, and for drops and mirrors what of it comes to the eye. Answers what the rain takes
+    /// of its straight beam ([`RainLight`]).
+    fn set_sun(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        (frame, sky): (&Frame, &Sky),
+        (medium, field): (&Medium, &RainField<'_>),
+    ) -> [f32; 4] {
+        let Some(sun) = sky.sun().filter(|_| frame.medium.dims_sun()) else {
+            self.medium.set_sun(gpu, None);
+            self.shown.set_sun(gpu, Vec3::Z, [0.0; 3]);
+            return [0.0; 4];
+        };
+        let cloud = scene.cloud_grid();
+        self.cloud_shade = CloudShade::of(self.cloud_shade.take(), cloud, sun.towards);
+        let (extinction, shade) = (medium.extinction().0, self.cloud_shade.as_ref());
+        let in_rain = RainSun { field: *field, extinction, phase: medium.phase(), sun, shade };
+        self.medium.set_sun(gpu, Some(&SunTable::new(&in_rain, &frame.camera)));
+        let standing = scene.rain_place.standing_field(frame);
+        let depth =
+            |medium: &Medium| depth_to_sun(&standing, medium.extinction().0, (frame.camera.position, sun));
+        let [drops, undrawn] = around_eye(frame, &standing).map(|medium| depth(&medium));
+        self.shown.set_sun(gpu, sun.towards, [drops, 0.0, undrawn]);
+        let lost = |depth: f64| -libm::expm1(-depth) as f32;
+        // A cloud without an end shades all rain as it shades the eye.
+        let as_the_eye = cloud.is_some() && self.cloud_shade.is_none();
+        [lost(drops), 1.0, lost(undrawn), if as_the_eye { 1.0 } else { 0.0 }]
+    }
+
+    fn set_light(
+        &self,
+        gpu: &Gpu,
+        sky: &Sky,
+        (phases, sun_lost): ([&Phase; 3], [f32; 4]),
+        [all, far]: [Beam; 2],
+    ) {
+        let mut light = RainLight { phases: phases.map(Phase::numbers), sun_lost, ..RainLight::default() };
         let four = |[x, y, z]: [f32; 3]| [x, y, z, 0.0];
         if let Some(sun) = sky.sun() {
             (light.sun_towards, light.sun) = (four(sun.towards.to_array()), four(sun.irradiance));

@@ -71,12 +71,21 @@ pub struct Surrounding {
     pub around: Environment,
     /// What the rain is lit by.
     pub light: WorldLight,
-    /// What a phase function makes of it, without flashes; the last few.
-    spread: Vec<InScattering>,
+    /// What a phase function makes of it and of the sun, without flashes; the last few.
+    spread: Vec<(SunSeen, InScattering)>,
 }
 
-/// Phase functions that are kept: the drops', and the medium's where it has another.
-const MOST_PHASES: usize = 2;
+/// How the sun is seen from the rain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SunSeen {
+    /// Behind rain of this optical depth.
+    Behind(f64),
+    /// Not at all: it is looked for along each ray.
+    Apart,
+}
+
+/// Phase functions that are kept: the drops', the mirrors' where they have another, and the medium's without the sun.
+const MOST_PHASES: usize = 3;
 
 impl Surrounding {
     /// The world as `look` sees it, or `kept` if that was seen for the same.
@@ -99,15 +108,19 @@ impl Surrounding {
     }
 
     /// What scatterers with this phase function show of it, without flashes.
-    pub fn in_scattering(&mut self, phase: &Phase) -> InScattering {
-        if let Some(known) = self.spread.iter().find(|known| known.phase() == phase) {
+    pub fn in_scattering(&mut self, phase: &Phase, sun: SunSeen) -> InScattering {
+        let same = |known: &&(SunSeen, InScattering)| known.0 == sun && known.1.phase() == phase;
+        if let Some((_, known)) = self.spread.iter().find(same) {
             return known.clone();
         }
         if self.spread.len() == MOST_PHASES {
             self.spread.remove(0);
         }
-        let new = self.light.in_scattering(phase);
-        self.spread.push(new.clone());
+        let new = match sun {
+            SunSeen::Behind(depth) => self.light.in_scattering_behind(phase, depth),
+            SunSeen::Apart => self.light.clone().with_sun(None).in_scattering(phase),
+        };
+        self.spread.push((sun, new.clone()));
         new
     }
 }

@@ -34,7 +34,16 @@ const SIZE: [u32; 2] = [160, 90];
 fn structs_lie_as_the_shaders_have_them() {
     assert_layout!(
         RAIN_FIND,
-        RainLight { sun_towards, sun, flash_towards, flash, medium_flash_towards, medium_flash, phases }
+        RainLight {
+            sun_towards,
+            sun,
+            flash_towards,
+            flash,
+            medium_flash_towards,
+            medium_flash,
+            phases,
+            sun_lost
+        }
     );
     assert_layout!(
         RAIN_FIND,
@@ -82,7 +91,7 @@ fn structs_lie_as_the_shaders_have_them() {
     assert_layout!(RAIN_FIND, TownPlace { hills, counts, top });
     assert_layout!(RAIN_FIND, TownNode { low, first, high, count });
     assert_layout!(RAIN_FIND, TownBox { centre, axis, half, foot, top });
-    assert_layout!(SHOWN, Moments { left });
+    assert_layout!(SHOWN, Moments { left, sun });
     type RainField = FieldUniform;
     assert_layout!(RAIN_FIND, RainField { ceiling, region, map_place, map_top, has, counts, covers });
     assert_layout!(RAIN_FIND, CoverHead { origin, inverse_cell, size, first, highest });

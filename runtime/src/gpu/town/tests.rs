@@ -246,7 +246,11 @@ impl Card {
         self.rain.set_map(gpu, field.map());
         let (medium, (world, _)) = (case.medium(), world(case));
         let phase: &Phase = medium.phase();
-        let mut light = RainLight { phases: [phase.numbers(); 3], ..RainLight::default() };
+        let mut light = RainLight {
+            phases: [phase.numbers(); 3],
+            sun_lost: [0.0, 1.0, 0.0, 0.0],
+            ..RainLight::default()
+        };
         if let Some(sun) = case.sun {
             light.sun_towards[..3].copy_from_slice(&sun.towards.to_array());
             light.sun[..3].copy_from_slice(&sun.irradiance);

@@ -1,7 +1,7 @@
 use super::*;
 use crate::camera::Projection;
 use crate::depth::{DepthBuffer, DepthKind};
-use crate::medium::{Outlook, PhaseTable};
+use crate::medium::{Outlook, Phase, PhaseTable};
 use crate::rain::{Ceiling, RainField, RainVolume};
 use crate::renderer::town_rain::TownRain;
 use crate::shade::town::rain::RainBetween;
@@ -50,7 +50,7 @@ fn pictures(camera: &Camera, sun: Sun, phase: Phase) -> ([Picture; 2], Medium, R
     medium.apply(&outlook, &mut picture, &mut left).unwrap();
     let open = picture.clone();
     let sun_shadows = SunShadows::new(Some(&town), Some(sun)).unwrap();
-    sun_shadows.draw((&medium, &field), camera, (&metres, &left), SPACING, &mut picture);
+    sun_shadows.draw((&medium, &field), camera, (&metres, &left), (SPACING, None), &mut picture);
     ([open, picture], medium, field)
 }
 

@@ -5,6 +5,7 @@ use crate::frame::{Flash, Frame};
 use crate::gpu::test_gpu;
 use crate::load::Asset;
 use crate::picture::Picture;
+use crate::rain::Ceiling;
 use crate::renderer::{Backend, StormRenderer};
 use crate::stroke::Stroke;
 use crate::tone::Tone;
@@ -12,7 +13,7 @@ use glam::DVec3;
 use squall_formats::container::{OutSection, write};
 use squall_formats::section::town::TownSection;
 use squall_formats::tag::Tag;
-use squall_formats::units::{Degrees, MillimetresPerHour, Seconds};
+use squall_formats::units::{Degrees, Metres, MillimetresPerHour, Seconds};
 
 /// Of the display's 255 levels: root mean square, and share of bands that are at most two levels off.
 const RMSE: f64 = 0.5;
@@ -56,7 +57,7 @@ pub fn apart(tone: &Tone, a: &Picture, b: &Picture) -> (f64, f64) {
 }
 
 /// Frames of an asset without a town: dusk with a flash in rain, night with a near stroke in rain, day in rain with the sun in
-/// sight, the same dry.
+/// sight, the same dry, and in a layer of rain that the sun comes through.
 fn frames(renderer: &StormRenderer) -> Vec<(&'static str, Frame)> {
     let size = [160, 90];
     let view = renderer.frame();
@@ -89,7 +90,15 @@ fn frames(renderer: &StormRenderer) -> Vec<(&'static str, Frame)> {
     day.sky.sun_azimuth.0 = libm::atan2(camera.forward.y, camera.forward.x) + 0.2;
     day.sky.sun_elevation.0 = libm::asin(camera.forward.z).max(0.05) + 0.15;
     let dry = day.clone().rain(MillimetresPerHour(0.0));
-    vec![("dusk with a flash", dusk), ("night", night), ("day", day), ("a dry day", dry)]
+    let mut layer = day.clone();
+    layer.weather.volume.ceiling = Some(Ceiling { height: Metres(700.0), softness: Metres(200.0) });
+    vec![
+        ("dusk with a flash", dusk),
+        ("night", night),
+        ("day", day),
+        ("a dry day", dry),
+        ("a day of rain from a low cloud", layer),
+    ]
 }
 
 #[test]

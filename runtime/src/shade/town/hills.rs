@@ -1,8 +1,10 @@
 //! Rays against hills: bilinear patches on a height map, walked cell by cell.
 
+mod blocks;
 #[cfg(feature = "gpu")]
 mod upload;
 
+use blocks::Blocks;
 use glam::{Vec2, Vec3};
 use squall_formats::section::town::HeightMap;
 
@@ -14,17 +16,21 @@ pub struct Hills {
     /// Node heights, m.
     heights: Vec<f32>,
     top: f32,
+    /// The highest of more and more cells together.
+    blocks: Blocks,
 }
 
 impl Hills {
     /// Heights in metres from a checked map.
     pub fn new(map: &HeightMap) -> Self {
         let heights: Vec<f32> = map.heights.iter().map(|&steps| f32::from(steps) * map.step).collect();
+        let counts = map.counts.map(|count| count as usize);
         Self {
             origin: Vec2::from_array(map.origin),
             cell: Vec2::from_array(map.cell),
             cells: map.counts.map(|count| count as i32 - 1),
             top: heights.iter().fold(0.0, |a, &b| a.max(b)),
+            blocks: Blocks::new(&heights, counts),
             heights,
         }
     }

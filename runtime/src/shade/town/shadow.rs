@@ -8,6 +8,8 @@ use glam::{DVec3, Vec3};
 const PLACES: usize = 24;
 /// How often a piece between light and shadow is halved.
 const HALVES: usize = 8;
+/// How often a piece between light and light is halved where a hill's cell could shade some of it.
+const DOUBTS: usize = 4;
 /// Distance, m, within which the first places stand evenly.
 const NEAR_M: f32 = 100.0;
 
@@ -24,7 +26,8 @@ impl Town {
     }
 
     /// The stretches of a ray up to `limit` m that blocks and hills keep the light from unit direction `towards` off, ascending and
-    /// apart; blocks exactly, hills within a 256th of what lies between places that are looked at. `out` holds them afterwards.
+    /// apart; blocks exactly, hills within a 256th of what lies between places that are looked at. No shadow of a hill that is wider than
+    /// a sixteenth of that is missed, however far the hill stands. `out` holds them afterwards.
     pub fn find_shadows(
         &self,
         (origin, direction): (DVec3, DVec3),
@@ -62,26 +65,53 @@ impl Town {
             let share = i as f32 / PLACES as f32;
             (NEAR_M * libm::expm1f(first + (last - first) * share)).clamp(from, to)
         };
-        let (mut before, mut was_dark) = (from, is_dark(from));
-        let mut begin = was_dark.then_some(from);
+        let mut edges =
+            Edges { is_dark: &is_dark, may_be_dark: &|ends| hills.may_shade(ray, ends), begin: None, out };
+        let mut before = (from, is_dark(from));
+        edges.begin = before.1.then_some(from);
         for i in 1..=PLACES {
-            let here = at(i);
-            let now_dark = is_dark(here);
-            if now_dark != was_dark {
-                let (mut low, mut high) = (before, here);
-                for _ in 0..HALVES {
-                    let middle = 0.5 * (low + high);
-                    if is_dark(middle) == was_dark { low = middle } else { high = middle }
-                }
-                let edge = 0.5 * (low + high);
-                match begin.take() {
-                    Some(begin) => out.push([begin, edge]),
-                    None => begin = Some(edge),
-                }
-            }
-            (before, was_dark) = (here, now_dark);
+            let here = (at(i), is_dark(at(i)));
+            edges.between(before, here, DOUBTS);
+            before = here;
         }
+        let begin = edges.begin;
         out.extend(begin.map(|begin| [begin, to]));
+    }
+}
+
+/// What hills' shadows are gathered with, from the ray's begin on.
+struct Edges<'a> {
+    is_dark: &'a dyn Fn(f32) -> bool,
+    /// False only where no place between two distances is dark.
+    may_be_dark: &'a dyn Fn([f32; 2]) -> bool,
+    /// Where the stretch in shadow began that has not ended yet.
+    begin: Option<f32>,
+    out: &'a mut Vec<[f32; 2]>,
+}
+
+impl Edges<'_> {
+    /// Goes on from one place to the next, both of which were looked at; between two in the light it looks again, as often as `doubts` says.
+    fn between(&mut self, before: (f32, bool), here: (f32, bool), doubts: usize) {
+        let ((mut low, was_dark), (mut high, now_dark)) = (before, here);
+        if was_dark == now_dark {
+            if was_dark || doubts == 0 || low >= high || !(self.may_be_dark)([low, high]) {
+                return;
+            }
+            let middle = 0.5 * (low + high);
+            let middle = (middle, (self.is_dark)(middle));
+            self.between(before, middle, doubts - 1);
+            self.between(middle, here, doubts - 1);
+            return;
+        }
+        for _ in 0..HALVES {
+            let middle = 0.5 * (low + high);
+            if (self.is_dark)(middle) == was_dark { low = middle } else { high = middle }
+        }
+        let edge = 0.5 * (low + high);
+        match self.begin.take() {
+            Some(begin) => self.out.push([begin, edge]),
+            None => self.begin = Some(edge),
+        }
     }
 }
 
@@ -89,6 +119,7 @@ impl Town {
 mod tests {
     use super::super::tests::small_town;
     use super::*;
+    use squall_formats::section::town::{HeightMap, TownSection};
 
     #[test]
     fn a_towers_and_a_ridges_shadows_on_a_ray_are_where_geometry_says() {
@@ -112,5 +143,75 @@ mod tests {
         assert!(found.len() == 1 && (found[0][0] - 1_700.0).abs() < HILL_M, "{found:?}");
         assert!(found[0][1] >= 2_015.0 && town.is_shaded(Vec3::new(500.0, 1_900.0, 10.0), low));
         assert!(!town.is_shaded(Vec3::new(500.0, 1_600.0, 10.0), low));
+    }
+
+    /// A range of hills 80 cells long with one peak, `width` cells wide, at cell `at`.
+    fn peak(at: usize, width: usize) -> Town {
+        let heights = (0..81 * 3).map(|i| {
+            let (x, y) = (i % 81, i / 81);
+            if y == 1 && (at..at + width).contains(&x) { 3_000 } else { 0 }
+        });
+        Town::new(&TownSection {
+            hills: Some(HeightMap {
+                origin: [0.0, 1_000.0],
+                cell: [50.0, 50.0],
+                counts: [81, 3],
+                step: 0.1,
+                heights: heights.collect(),
+            }),
+            ..TownSection::default()
+        })
+    }
+
+    #[test]
+    fn a_peaks_shadow_is_found_wherever_it_falls_between_two_looks() {
+        let towards = Vec3::new(0.0, 1.0, 0.2).normalize();
+        let ray = (DVec3::new(-100.0, 300.0, 10.0), DVec3::X);
+        let (mut found, mut between_looks) = (Vec::new(), 0);
+        // Looks stand evenly in the logarithm, a hundred and more metres apart in the distance.
+        let share =
+            |i: usize| libm::log1p(100.0 / 100.0) + (libm::log1p(41.0) - libm::log1p(1.0)) * i as f64 / 24.0;
+        let looks: Vec<f64> = (0..=24).map(|i| 100.0 * libm::expm1(share(i))).collect();
+        for at in 1..79 {
+            let town = peak(at, 1);
+            town.find_shadows(ray, towards, 4_200.0, &mut found);
+            // The peak's tent, 100 m wide at its foot and 300 m high, seen over 750 m at a slope of a fifth: 160 m high and 47 m wide.
+            let middle = 100.0 + 50.0 * at as f32;
+            let is_found = found.len() == 1 && found[0][0] < middle && middle < found[0][1];
+            assert!(is_found, "{at}: {found:?}");
+            between_looks += u32::from(looks.iter().all(|look| (look - f64::from(middle)).abs() > 30.0));
+        }
+        assert!(between_looks > 20, "{between_looks}");
+    }
+
+    #[test]
+    fn hills_that_cannot_shade_a_stretch_are_known_not_to() {
+        let town = peak(40, 2);
+        let hills = town.hills.as_ref().unwrap();
+        let low = Vec3::new(0.0, 1.0, 0.2).normalize();
+        let ray = |z: f32| [Vec3::new(-100.0, 300.0, z), Vec3::X, low];
+        assert!(hills.may_shade(ray(10.0), [2_090.0, 2_110.0]));
+        assert!(hills.may_shade(ray(10.0), [0.0, 4_000.0]));
+        assert!(
+            !hills.may_shade(ray(10.0), [0.0, 2_000.0]) && !hills.may_shade(ray(10.0), [2_250.0, 9_000.0])
+        );
+        // Above all of them, and with the sun behind.
+        assert!(!hills.may_shade(ray(300.0), [0.0, 4_000.0]));
+        let [origin, direction, towards] = ray(10.0);
+        assert!(!hills.may_shade([origin, direction, towards * Vec3::new(1.0, -1.0, 1.0)], [0.0, 4_000.0]));
+        let mut random = crate::random::Random::new(3);
+        let mut dark = 0;
+        for _ in 0..4000 {
+            let mut draw = |low: f64, high: f64| random.range(low, high) as f32;
+            let origin = Vec3::new(draw(1_500.0, 2_500.0), draw(500.0, 1_300.0), draw(1.0, 200.0));
+            let direction = Vec3::new(draw(-1.0, 1.0), draw(-1.0, 1.0), draw(-0.1, 0.3)).normalize();
+            let begin = draw(0.0, 100.0);
+            let place = origin + direction * (begin + 5.0);
+            let is_dark = hills.meet(place, low, f32::MAX).is_some();
+            let ray = [origin, direction, low];
+            assert!(!is_dark || hills.may_shade(ray, [begin, begin + 10.0]), "{origin} {direction}");
+            dark += u32::from(is_dark);
+        }
+        assert!(dark > 100, "{dark}");
     }
 }
