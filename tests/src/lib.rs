@@ -68,8 +68,6 @@ mod gpu_device;
 #[cfg(test)]
 mod hostile_files;
 #[cfg(test)]
-mod known_issues;
-#[cfg(test)]
 mod layering;
 #[cfg(test)]
 mod monte_carlo;

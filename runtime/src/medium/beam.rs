@@ -22,6 +22,8 @@ use std::f64::consts::PI;
 
 /// Depth, times 1 − g, up to which lobes are summed one by one; beyond, moments are few.
 const DEEP: f64 = 2.0;
+/// Depth beyond which lobes are one: below, e^−τ is a number, and they are as many.
+const MOST_LOBES: f64 = 300.0;
 /// What is left of the weights of lobes when their sum is cut; the rest goes to the last.
 const REST: f64 = 1e-7;
 /// Most moments, and the smallest that counts.
@@ -88,6 +90,12 @@ fn moment(chi: f64, depth: f64) -> f64 {
 
 /// Σ_{k ≥ 1} e^−τ τ^k/k! p(g^(k+1), θ).
 fn by_lobes(g: f64, depth: f64, cos_theta: f64) -> f64 {
+    if depth > MOST_LOBES {
+        // k is τ to a few √τ, and so many lobes, whose g differ by less than an eighth, are one; an odd and an even count are as likely.
+        let wide = g.abs() * libm::exp(depth * libm::log(g.abs()));
+        let even = henyey_greenstein(wide, cos_theta);
+        return -libm::expm1(-depth) * 0.5 * (even + henyey_greenstein(wide.copysign(g), cos_theta));
+    }
     let mut weight = libm::exp(-depth);
     let (mut asymmetry, mut left, mut sum) = (g, -libm::expm1(-depth), 0.0);
     let mut k = 0.0;
@@ -105,13 +113,16 @@ fn by_lobes(g: f64, depth: f64, cos_theta: f64) -> f64 {
 fn by_moments(g: f64, depth: f64, cos_theta: f64) -> f64 {
     let x = cos_theta.clamp(-1.0, 1.0);
     let (mut below, mut own, mut power, mut sum) = (0.0, 1.0, 1.0, 0.0);
+    // Of a lobe backwards odd degrees die long before even ones.
+    let mut before = f64::INFINITY;
     for l in 0..MOMENTS {
         let degree = l as f64;
         let share = (2.0 * degree + 1.0) * moment(power, depth);
         sum += share * own;
-        if share.abs() < SMALLEST {
+        if share.abs().max(before) < SMALLEST {
             break;
         }
+        before = share.abs();
         (below, own) = (own, ((2.0 * degree + 1.0) * x * own - degree * below) / (degree + 1.0));
         power *= g;
     }

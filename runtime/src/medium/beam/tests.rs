@@ -10,8 +10,8 @@ fn light_behind_rain_is_all_there_and_weakened_degree_by_degree() {
     /// Midpoints over the cosine.
     const ROUND_OFF: f64 = 1e-4;
     const STEPS: u32 = 40_000;
-    for phase in [0.77, 0.884, 0.3, -0.4].map(Phase::HenyeyGreenstein) {
-        for depth in [0.0, 0.02, 0.7, 4.0, 9.0, 40.0, f64::INFINITY] {
+    for phase in [0.77, 0.884, 0.3, -0.4, -0.95].map(Phase::HenyeyGreenstein) {
+        for depth in [0.0, 0.02, 0.7, 4.0, 9.0, 41.0, f64::INFINITY] {
             let g = phase.moments(1)[0];
             let mut found = [0.0; 4];
             for i in 0..STEPS {
@@ -34,6 +34,30 @@ fn light_behind_rain_is_all_there_and_weakened_degree_by_degree() {
                 let parts = phase.moments_again(depth, l) + chi[l] * libm::exp(-depth);
                 assert!((parts - wanted).abs() < ROUND_OFF, "{phase:?} {depth} {l}: {parts} {wanted}");
             }
+        }
+    }
+}
+
+#[test]
+fn light_that_hardly_turns_comes_through_any_depth_of_rain() {
+    /// Lobes of k around the mean are one of the mean's g: their g differ by the square root of the depth times 1 − g, an eighth at most.
+    const ONE_LOBE: f64 = 0.02;
+    for (g, depth) in [(0.999, 299.0), (0.999, 301.0), (0.999, 1000.0), (-0.999, 301.0), (-0.9995, 3000.0)] {
+        let phase = Phase::HenyeyGreenstein(g);
+        for x in [-1.0, -0.3, 0.5, 1.0] {
+            // The sum by its moments, of which as many are taken as count.
+            let (mut below, mut own, mut wanted) = (0.0, 1.0, 0.0);
+            for l in 0..4000 {
+                let degree = f64::from(l);
+                let power = libm::pow(g.abs(), degree) * if l % 2 == 1 { g.signum() } else { 1.0 };
+                wanted += (2.0 * degree + 1.0) / (4.0 * PI) * power * libm::exp(-depth * (1.0 - power)) * own;
+                (below, own) = (own, ((2.0 * degree + 1.0) * x * own - degree * below) / (degree + 1.0));
+            }
+            let found = phase.values_behind(depth, x)[0];
+            assert!(
+                (found - wanted).abs() < ONE_LOBE * wanted.max(0.01),
+                "{g} {depth} {x}: {found} {wanted}"
+            );
         }
     }
 }

@@ -3,10 +3,11 @@ use crate::camera::Projection;
 use crate::depth::{DepthBuffer, DepthKind};
 use crate::medium::{Outlook, Phase, PhaseTable};
 use crate::rain::{Ceiling, RainField, RainVolume};
+use crate::renderer::rain_sun::{RainSun, SunTable};
 use crate::renderer::town_rain::TownRain;
 use crate::shade::town::rain::RainBetween;
 use crate::shade::town::tests::small_town;
-use crate::world::WorldLight;
+use crate::world::{InScattering, WorldLight};
 use glam::Vec3;
 use squall_formats::units::{Metres, MillimetresPerHour, Radians};
 use std::sync::Arc;
@@ -97,6 +98,58 @@ fn rain_shows_the_sun_only_where_rays_to_the_sun_are_free() {
                 dark += u32::from(hidden > 0.2 * all);
                 free += u32::from(hidden < 0.02 * all);
             }
+        }
+    }
+    assert!(dark > 2 && free > 2, "both are looked at: {dark} {free}");
+}
+
+#[test]
+fn rain_that_dims_the_sun_shows_it_only_where_rays_to_the_sun_are_free() {
+    /// Of a pixel's light in the open: means of whole rays stand for those of their stretches, and tiles have their own tolerance.
+    const TOLERANCE: f64 = 0.05;
+    const STEPS: u32 = 3000;
+    let town = small_town();
+    let (mut dark, mut free) = (0, 0);
+    for (eye, towards, to_sun) in [
+        (DVec3::new(3.0, -120.0, 2.0), DVec3::new(0.0, 1.0, 0.15), Vec3::new(0.02, 1.0, 0.4)),
+        (DVec3::new(-90.0, 40.0, 5.0), DVec3::new(1.0, 0.1, 0.1), Vec3::new(0.1, 1.0, 0.5)),
+        (DVec3::new(0.0, 90.0, 2.0), DVec3::new(0.3, -1.0, 0.1), Vec3::new(0.0, 1.0, 0.6)),
+    ] {
+        let (sun, camera) = (sun(to_sun), camera(eye, towards));
+        let (_, medium, field) = pictures(&camera, sun, Phase::HenyeyGreenstein(0.77));
+        let extinction = medium.extinction().0;
+        let rain_sun = RainSun { field, extinction, phase: medium.phase(), sun, shade: None };
+        let table = SunTable::new(&rain_sun, &camera);
+        let metres = metres(&town, &camera);
+        let mut left = vec![0.0; 64 * 48];
+        let light = InScattering::dark(medium.phase());
+        let depth = Some(DepthBuffer::new(&metres, 64, 48, DepthKind::Range).unwrap());
+        let outlook = Outlook { camera: &camera, volume: field, light: &light, depth };
+        let mut picture = Picture::new(64, 48).unwrap();
+        medium.apply(&outlook, &mut picture, &mut left).unwrap();
+        table.draw(&rain_sun, &camera, (&metres, &left), &mut picture);
+        let sun_shadows = SunShadows::new(Some(&town), Some(sun)).unwrap();
+        sun_shadows.draw((&medium, &field), &camera, (&metres, &left), (SPACING, Some(&table)), &mut picture);
+        for (x, y) in [(5, 5), (20, 12), (31, 20), (33, 30), (40, 22), (58, 9), (62, 40), (12, 44)] {
+            let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
+            let cosine = ray.direction.dot(sun.towards.as_dvec3());
+            let end = f64::from(metres[y * 64 + x]).min(4_000.0);
+            let (mut tau, mut wanted, mut open) = (0.0, 0.0, 0.0);
+            for i in 0..STEPS {
+                let [a, b] = [i, i + 1].map(|i| end * f64::from(i) / f64::from(STEPS));
+                let own = extinction * field.path(&ray, a, b);
+                let place = ray.origin + ray.direction * (0.5 * (a + b));
+                let to_sun = Ray { origin: place, direction: sun.towards.as_dvec3() };
+                let behind = extinction * field.path(&to_sun, 0.0, f64::INFINITY);
+                let shown = (libm::exp(-tau) - libm::exp(-tau - own))
+                    * medium.phase().values_behind(behind, cosine)[0];
+                wanted += if town.is_shaded(place.as_vec3(), sun.towards) { 0.0 } else { shown };
+                (tau, open) = (tau + own, open + shown);
+            }
+            let found = f64::from(picture.pixels[y * 64 + x][0] / sun.irradiance[0]);
+            assert!((found - wanted).abs() < TOLERANCE * open, "{x} {y}: {found} {wanted} {open}");
+            dark += u32::from(wanted < 0.8 * open);
+            free += u32::from(wanted > 0.98 * open);
         }
     }
     assert!(dark > 2 && free > 2, "both are looked at: {dark} {free}");

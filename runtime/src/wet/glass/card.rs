@@ -34,7 +34,7 @@ mod uniforms {
 }
 
 /// Steps of one submission, and drops that land before it, at most.
-const STEPS: u32 = 64;
+const STEPS: u32 = 256;
 const LANDINGS: usize = 16_384;
 /// Cells of a pane at most: a binding holds 16 bytes of each.
 const CELLS: usize = LARGEST_BINDING as usize / 16;
@@ -204,9 +204,11 @@ impl CardGlass {
             self.pane.step_beside(fastest.max(f64::from(self.pane.fastest)).min(self.pane.speed_most()));
         // One more, for round-off.
         let mut steps = if seconds > 0.0 { libm::ceil(seconds / shortest) as u32 + 1 } else { 0 };
-        // Drops that land do so before.
-        self.submit(0);
+        // Drops that land do so before the first step, in its submission.
         self.gpu.write(&self.buffers[6], &[seconds as f32]);
+        if steps == 0 {
+            self.submit(0);
+        }
         while steps > 0 {
             let now = steps.min(STEPS);
             self.submit(now);

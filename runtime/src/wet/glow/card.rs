@@ -44,8 +44,8 @@ mod uniforms {
 
 /// Kawase's passes at most.
 const PASSES: usize = 16;
-/// Bytes a pixel of the largest buffer: sixths of the levels, 16 bytes a value.
-const BYTES_PER_PIXEL: u64 = 8;
+/// Bytes of a value: three colours and one more.
+const VALUE_BYTES: u64 = 16;
 
 /// Glow of frames on a graphics card; keeps its tables and its memory between them.
 ///
@@ -139,7 +139,8 @@ impl CardGlow {
     ///
     /// # Errors
     ///
-    /// Controls out of their ranges, textures of another size than the camera's, more than 16 777 216 pixels.
+    /// Controls out of their ranges, textures of another size than the camera's, pictures whose levels a card's buffer does not hold: of some 16 million
+    /// pixels, fewer where a picture is very narrow.
     pub fn draw(
         &mut self,
         frame: &CardFrame<'_>,
@@ -148,11 +149,7 @@ impl CardGlow {
         controls.check()?;
         frame.check()?;
         let size = frame.size();
-        let pixels = u64::from(size[0]) * u64::from(size[1]);
-        let most = LARGEST_BINDING / BYTES_PER_PIXEL;
-        if pixels > most {
-            return Err(RuntimeError::argument("picture", format!("{most} pixels at most"), pixels));
-        }
+        check_size(size)?;
         let mut room = match self.room.take() {
             Some(room) if room.size == size => room,
             _ => Room::new(&self.gpu, &self.layouts, size),
@@ -274,19 +271,42 @@ const fn nodes_along(pixels: u32) -> u32 {
     pixels.div_ceil(NODES_PX as u32) + 1
 }
 
+/// Sides of a picture's levels, each half of the one before, the first half of the picture's.
+fn levels_of(size: [u32; 2]) -> Vec<[usize; 2]> {
+    let mut levels = vec![size.map(|side| halved(side as usize))];
+    while let Some(&last) = levels.last().filter(|last| last.iter().any(|side| *side > 1)) {
+        if levels.len() == LEVELS {
+            break;
+        }
+        levels.push(last.map(halved));
+    }
+    levels
+}
+
+/// Refuses a picture whose lights or whose parts, one a class of depth, are more than a binding holds.
+fn check_size(size: [u32; 2]) -> Result<(), RuntimeError> {
+    let count = |levels: &[[usize; 2]]| levels.iter().map(|[x, y]| (x * y) as u64).sum::<u64>();
+    let levels = levels_of(size);
+    let bytes = VALUE_BYTES * count(&levels).max(DEPTHS.len() as u64 * count(&levels[1..]));
+    if bytes > LARGEST_BINDING {
+        let wanted = format!("levels of at most {LARGEST_BINDING} bytes");
+        return Err(RuntimeError::argument(
+            "picture",
+            wanted,
+            format!("{bytes}: {} × {} pixels", size[0], size[1]),
+        ));
+    }
+    Ok(())
+}
+
 impl Room {
     fn new(gpu: &Gpu, layouts: &[wgpu::BindGroupLayout; 4], size: [u32; 2]) -> Self {
-        let mut levels = vec![size.map(|side| halved(side as usize))];
-        while let Some(&last) = levels.last().filter(|last| last.iter().any(|side| *side > 1)) {
-            if levels.len() == LEVELS {
-                break;
-            }
-            levels.push(last.map(halved));
-        }
+        let levels = levels_of(size);
         let count = |level: &[usize; 2]| level[0] * level[1];
         let (all, first) = (levels.iter().map(count).sum::<usize>(), count(&levels[0]));
-        let values =
-            |label: &str, count: usize| gpu.buffer(label, 16 * count as u64, wgpu::BufferUsages::STORAGE);
+        let values = |label: &str, count: usize| {
+            gpu.buffer(label, VALUE_BYTES * count as u64, wgpu::BufferUsages::STORAGE)
+        };
         let held = [
             values("lights that glow", first),
             values("levels of glow", all),

@@ -172,3 +172,20 @@ fn frames_hold_no_more_of_the_card_and_what_does_not_fit_is_refused_by_name() {
     let refusal = glow.draw(&frame, &GlowControls { sky: 0.0, ..controls }).unwrap_err().to_string();
     assert!(refusal.starts_with("sky"), "{refusal}");
 }
+
+#[test]
+fn pictures_are_refused_from_the_first_whose_levels_do_not_fit() {
+    for (size, fits) in [
+        ([3840, 2160], true),
+        ([4096, 4096], true),
+        ([4096, 4098], false),
+        // Halves are rounded up: as many pixels as those of even sides, and more bytes.
+        ([5461, 3072], false),
+        ([2049, 8188], false),
+        ([1, 16_000_000], false),
+    ] {
+        let refusal = super::check_size(size).err().map(|error| error.to_string());
+        assert_eq!(refusal.is_none(), fits, "{size:?}: {refusal:?}");
+        assert!(refusal.is_none_or(|refusal| refusal.contains(&format!("{} × {}", size[0], size[1]))));
+    }
+}
