@@ -15,9 +15,9 @@ fn light_behind_rain_is_all_there_and_weakened_degree_by_degree() {
             let g = phase.moments(1)[0];
             let mut found = [0.0; 4];
             for i in 0..STEPS {
-                // Denser forward, where the function is narrow.
+                // Denser forward or backward, where the function is narrow.
                 let t = (f64::from(i) + 0.5) / f64::from(STEPS);
-                let (x, step) = (1.0 - 2.0 * t * t, 4.0 * t / f64::from(STEPS));
+                let (x, step) = ((1.0 - 2.0 * t * t) * g.signum(), 4.0 * t / f64::from(STEPS));
                 let value = 2.0 * PI * step * phase.values_behind(depth, x)[0];
                 let legendre = [1.0, x, 1.5 * x * x - 0.5, 2.5 * x * x * x - 1.5 * x];
                 (0..4).for_each(|l| found[l] += value * legendre[l]);
