@@ -3,7 +3,7 @@
 //! A device is used within WebGPU's default limits, and with no optional feature but `timestamp-query`, and that one only to
 //! measure. Shaders are WGSL, each beside the Rust file of the same name; `shader.rs` puts them together from parts and
 //! compares their structs with Rust's. Pipelines are made once per device; buffers and textures once per asset or per
-//! picture size; a frame is one command submission and allocates nothing.
+//! picture size; a frame is one command submission and allocates nothing on the card.
 //!
 //! The CPU's code is the truth: every pass has a twin there, and a test that compares the two.
 
