@@ -78,6 +78,14 @@ impl Shader {
     pub fn source(&self) -> String {
         self.parts.concat()
     }
+
+    /// Whether it has this piece of a line, however that is spaced.
+    #[cfg(test)]
+    pub fn says(&self, code: &str) -> bool {
+        let mut out = vec![0; code.len()];
+        let length = bare(code.as_bytes(), &mut out);
+        self.source().as_bytes().windows(length).any(|own| own == &out[..length])
+    }
 }
 
 /// Rays, hashes, random numbers, noise, phase functions; the frame's uniforms in group 0.
