@@ -1,4 +1,4 @@
-//! `cargo bench -p squall-bake --bench rain_draw [-- PICTURE…] [--baselines]`: what drawing a frame's streaks costs, beside how far the
+//! `cargo bench -p squall-bake --bench rain_draw [-- PICTURE… --each --baselines]`: what drawing a frame's streaks costs, beside how far the
 //! frame is off; with `--each` how far each picture's own pattern is off it, with `--baselines` what \[weber\]'s Algorithm 1 as printed and a particle system take for one such frame.
 //!
 //! Milliseconds are one thread's own, at 1920 × 1080, T 20 ms, streaks of 30 to 200 px; the error is that of a smaller frame of the
